@@ -14,3 +14,6 @@ readers. Its darkest colours are left out because they resemble obstacles.
 
 GOAL = "#e8491d"
 """Colour of goals: red, in contrast to the yellow cells around them."""
+
+SURFACE = ("#7890a8", "#a9b4c0", "#d8d3c8", "#f3ecdc")
+"""Colours of the surface of obstacles in space by height: dark grey-blue below, pale above."""

@@ -110,10 +110,12 @@ def _cost(job: Job) -> dict[str, Any]:
     ``no_circuit`` holds the reason.
     """
     from resgrid.circuit.equations import assemble
+    from resgrid.scene.sampling import with_coordinates
     from resgrid.solvers.method_choice import choose_method
 
     if not job.space.goal_count:
-        return {"nodes": None, "resistors": None, "memory_bytes": None, "no_circuit": "no goal; give --goal X,Y"}
+        reason = f"no goal; give {with_coordinates('--goal', job.space.ndim)}"
+        return {"nodes": None, "resistors": None, "memory_bytes": None, "no_circuit": reason}
     try:
         netlist = job.compile(job.problem.only_wiring()[1], ideal=True, scaled=False)
         system = assemble(netlist)
@@ -204,6 +206,18 @@ def installed_versions() -> dict[str, str | None]:
     return versions
 
 
+_ROWS = "its top row at the largest y: y points up"
+"""Order of the cells of a map that is a picture or has rows of text."""
+
+_ORDERS = {
+    "npy": "its first index along x: y points up",
+    "voxels": "its first index along x: y points up",
+    "octomap": "in the coordinates of the file",
+    "point_cloud": "voxels that contain a point, in the coordinates of the file",
+}
+"""Orders or coordinates of the cells of other formats."""
+
+
 def _map_lines(data: dict[str, Any]) -> Iterable[str]:
     """Yield the lines of text that state how a map was read.
 
@@ -211,9 +225,8 @@ def _map_lines(data: dict[str, Any]) -> Iterable[str]:
     """
     words = data["map"] or {}
     if words:
-        rows = ", its first index along x" if words["format"] in ("npy", "voxels") else ", its top row at the largest y"
         reader = f" as {words['dialect']} reads it (--map-dialect)" if "dialect" in words else ""
-        yield f"  map           {words['format']}{reader}{rows}: y points up"
+        yield f"  map           {words['format']}{reader}, {_ORDERS.get(words['format'], _ROWS)}"
     prepared = [f"--{key} {_option_text(words[key])}" for key in ("crop", "coarsen", "refine") if key in words]
     if prepared:
         yield f"  prepared      {', then '.join(prepared)}"

@@ -40,12 +40,15 @@ def command(source: CommandInput | None, host: str, port: int, read_only: bool, 
     """Open a page in the browser to draw walls and move goals while field and paths are computed; Ctrl-C ends it.
 
     SCENE must have two axes; without SCENE, the page shows an empty square. Needs the extra 'live', which 'make demo'
-    installs. An arm in space is shown in a 3-D view, with handles for start and goal; it needs the extra 'viewer'.
+    installs. An arm, a point or a ball in space is shown in a 3-D view, with handles for start and goal; it needs the
+    extra 'viewer'.
     """
+    from resgrid.robots.voxel_surfaces import is_voxel_world
+
     _share_one_heap()
     job = None if source is None else open_job(source, require_goal=False)
     page: LivePage | Viewer
-    if job is not None and job.scene.robot.workspace_ndim == 3:
+    if job is not None and (job.scene.robot.workspace_ndim == 3 or is_voxel_world(job.space)):
         page = _open_view(job, host, port, read_only, browser)
     else:
         from resgrid.live_page.launch import serve
@@ -61,11 +64,11 @@ def command(source: CommandInput | None, host: str, port: int, read_only: bool, 
 
 
 def _open_view(job: Job, host: str, port: int, read_only: bool, browser: bool) -> Viewer:
-    """Return the 3-D view of an arm; raise InputError for options of the page of the plane."""
+    """Return the 3-D view; raise InputError for options of the page of the plane."""
     if host != _LOCAL:
-        raise InputError(f"--host {host}: the 3-D view of an arm serves this computer only; leave out --host")
+        raise InputError(f"--host {host}: the 3-D view serves this computer only; leave out --host")
     if read_only:
-        raise InputError("--read-only: the 3-D view of an arm has no such mode; leave out the option")
+        raise InputError("--read-only: the 3-D view has no such mode; leave out the option")
     return rg.view(job.scene, space=job.space, port=port, browser=browser)
 
 

@@ -33,9 +33,9 @@ CIRCUIT_CELLS = 8
 def command(source: CommandInput, output: str, what: str) -> int:
     """Draw one picture of SCENE.
 
-    A page shows potential, currents and paths together; a space of three or four axes is drawn in slices. Of several
-    blends in the scene, the first one is drawn; choose a blend with --k. '--what space' draws only the cells, for which
-    a map needs no goal.
+    A page shows potential, currents and paths together; a space of three or four axes is drawn in slices. In
+    space, '--what paths' draws the surface of the obstacles and slices at the paths. Of several blends in the scene,
+    the first one is drawn; choose a blend with --k. '--what space' draws only the cells, for which a map needs no goal.
     """
     from resgrid.io.tables import emit
     from resgrid.plot.figures import picture_format, render_figure
@@ -76,6 +76,8 @@ def _album(job: Job, plan: Plan) -> Iterator[tuple[str, str, str, rg.Field | Non
         mark = f"chip_{number}" if job.scene.drive == "start" else f"k_{field.k:g}"
         name, end = (f"page_{mark}", f", {mark.replace('_', ' ')}") if several else ("page", "")
         yield name, f"potential, currents and paths{end}", "page", field
+    if job.space.ndim == 3 and plan.streamlines and job.scene.robot.moves_in_workspace:
+        yield "paths", "obstacles in space and all paths, with horizontal slices", "paths", None
     if job.space.ndim == 2 and (several or not plan.fields):
         yield "paths", "map and all paths", "paths", None
     if not job.scene.robot.moves_in_workspace and any(route.reached for route in plan.routes):
@@ -115,7 +117,11 @@ def _drawn(what: str, job: Job, plan: Plan, field: rg.Field | None) -> Any:
             assert field is not None
             return _titled(rg.draw(field, quantity=what), _title(job, plan, field))
         case "paths" if lines:
-            return _titled(rg.draw(lines, k=[line.field.k for line in lines]), job.scene.title)
+            from resgrid.scene.world_coordinates import unknown_cells
+
+            unknown = unknown_cells(job.scene.map, job.space.axes) if job.space.ndim == 3 else None
+            picture = rg.draw(lines, k=[line.field.k for line in lines], unknown=unknown)
+            return _titled(picture, job.scene.title)
         case "space" | "paths":
             from resgrid.scene.world_coordinates import unknown_cells
 

@@ -172,12 +172,14 @@ def _summary(
 
 
 def _lines(job: Job, plan: Plan, folder: Path, files: Mapping[str, str], checks: Checks) -> Iterator[str]:
+    from resgrid.scene.sampling import with_coordinates
+
     space = job.space
     yield f"{job.scene.title or job.scene.source}: {size_of(space.shape)} cells, {counted(space.goal_count, 'goal')}"
     yield from (f"  {line}" for line in verdict_lines(verdict_data(job)))
     yield "paths"
     if not plan.routes:
-        yield "  none: the scene has no start; add one with --start X,Y"
+        yield f"  none: the scene has no start; add one with {with_coordinates('--start', space.ndim)}"
     yield from (f"  {line}" for line in route_lines(plan.routes))
     yield "decks"
     for name, check in checks.items():

@@ -27,7 +27,7 @@ from resgrid.robots.cells import merge_goals
 from resgrid.scene import Scene, build_space
 from resgrid.scene.goals import GoalCell, GoalJoints, GoalPoint
 from resgrid.scene.maps.arrays import MapCells
-from resgrid.scene.sampling import goal_cells, map_goals
+from resgrid.scene.sampling import adding, goal_cells, map_goals
 from resgrid.scene.world_coordinates import cell_centre
 
 
@@ -199,7 +199,7 @@ def plan_legs(
     if approximate and scene.robot.base is not None:
         raise InputError("approximate applies to robots whose configurations are places, not to arms; enlarge the goal")
     if not scene.goals and (scene.map is None or not (scene.map.cell == Cell.GOAL).any()):
-        raise InputError(f"{scene.source or 'scene'}: there is no goal; add a [[goal]], or give --goal X,Y")
+        raise InputError(f"{scene.source or 'scene'}: there is no goal; {adding(scene, 'a [[goal]]', '--goal')}")
     free = build_space(replace(scene, goals=(), map=_without_goals(scene)), require_goal=False)
     blocked = free.cell == Cell.OBSTACLE
     stops = [

@@ -5,15 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
-from matplotlib.image import AxesImage
-from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
-from matplotlib.patheffects import Normal, Stroke
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid._internal.colours import GOAL
@@ -21,9 +17,10 @@ from resgrid.errors import InputError
 from resgrid.planning.streamline import AnyPath
 from resgrid.plot.figures import axes_or_new
 from resgrid.plot.motions import Motion, dense_motion, goal_places, poses_along, reference_of
-from resgrid.plot.raster import Camera, Layer, Window, composite, render
+from resgrid.plot.raster import Camera, Layer, render
 from resgrid.plot.shading import nice_step
-from resgrid.plot.style import HIDDEN, PATHS, SMALL, TEXT, add_swatch, mark, refresh_legend
+from resgrid.plot.space_view import SpaceView, window_around
+from resgrid.plot.style import HIDDEN, SMALL, TEXT, add_swatch, mark, refresh_legend
 from resgrid.robots import HalfSpace, Shape, URDFRobot
 from resgrid.robots.surfaces import Surface, floor_height, is_floor, link_surfaces, shape_surfaces
 from resgrid.scene.goal_shapes import goal_shapes
@@ -78,7 +75,7 @@ class _Group:
     owner: NDArray[np.int64]
 
 
-class ArmPicture:
+class ArmPicture(SpaceView):
     """A picture of an arm and its surroundings from one direction.
 
     Parameters
@@ -98,7 +95,7 @@ class ArmPicture:
     def __init__(
         self, scene: Scene, poses: NDArray[np.float64], camera: Camera, also: ArrayLike = (), side: int = _SIDE
     ) -> None:
-        self.scene, self.camera = scene, camera
+        self.scene = scene
         self.arm = arm_of(scene)
         tree = self.arm.tree
         self._base = np.asarray(tree.placement[0, :3, 3])
@@ -114,11 +111,8 @@ class ArmPicture:
         self.lower, self.upper = shown.min(axis=0), shown.max(axis=0)
         self.step = nice_step(float((self.upper - self.lower).max()) / 8)
         seen = np.concatenate([camera.seen(shown)[:, :2], camera.seen(self.floor_corners)[:, :2]])
-        low, high = seen.min(axis=0), seen.max(axis=0)
-        around = 0.03 * float((high - low).max())
-        (left, bottom), (right, top) = low - around, high + around
-        rows = round(side * min(1.0, (top - bottom) / (right - left)))
-        self.window = Window(float(left), float(bottom), float(right), float(top), rows)
+        margin = 0.03 * float(np.ptp(seen, axis=0).max())
+        super().__init__(camera, window_around(seen, side, margin), _HIDDEN_DEPTH)
 
     @property
     def floor(self) -> float:
@@ -178,33 +172,6 @@ class ArmPicture:
             if shapes:
                 add_swatch(axes, label, colour)
         mark(self.camera.seen(goal_places(self.scene))[:, :2], axes, "goal")
-
-    def show(self, layers: list[Layer], axes: Axes) -> AxesImage:
-        """Draw layers as one image, and return it."""
-        window = self.window
-        return axes.imshow(
-            composite(layers), origin="lower", extent=(window.left, window.right, window.bottom, window.top),
-            interpolation="antialiased", aspect="equal", zorder=2.0,
-        )  # fmt: skip
-
-    def draw_line(
-        self, points: NDArray[np.float64], axes: Axes, layers: Iterable[Layer], label: str, **style: Any
-    ) -> list[Line2D]:
-        """Draw a line in space, thin where a layer hides it; return the two artists.
-
-        `points` (n, 3): in the world, dense; `layers`: images that can hide the line; `style`: options of matplotlib.
-        """
-        seen = self.camera.seen(points)
-        column, row, depth = self.window.pixels(seen).T
-        rows, columns = self.window.rows, self.window.columns
-        place = row.astype(np.int64).clip(0, rows - 1), column.astype(np.int64).clip(0, columns - 1)
-        nearest = np.min([layer.depth[place] for layer in layers], axis=0, initial=np.inf)
-        hidden = depth > nearest + _HIDDEN_DEPTH
-        options: dict[str, Any] = {"color": PATHS[0], "linewidth": 1.5, "zorder": 6} | style
-        whole = axes.plot(*seen.T[:2], **options | {"linewidth": 0.7, "zorder": 5.5, "linestyle": ":"})
-        effects = [Stroke(linewidth=options["linewidth"] + 1.2, foreground="white"), Normal()]
-        visible = np.where(hidden[:, np.newaxis], np.nan, seen[:, :2])
-        return whole + axes.plot(*visible.T, label=label, path_effects=effects, **options)
 
     def _draw_grid(self, axes: Axes) -> None:
         (x0, y0, z), (x1, y1, _) = self.floor_corners[[0, 3]]

@@ -172,7 +172,7 @@ def draw_panels(
     if isinstance(shown, Axes):
         refresh_legend(shown, columns)
     else:
-        _add_legend(shown, panels)
+        add_figure_legend(shown, panels)
     return shown
 
 
@@ -268,7 +268,7 @@ def _slices(space: ConfigurationSpace, ax: Axes | None, cuts: Sequence[Cut]) -> 
     return panels
 
 
-def _add_legend(figure: Figure, panels: list[Panel]) -> None:
+def add_figure_legend(figure: Figure, panels: list[Panel]) -> None:
     """Add one legend below a figure, with the entries of all panels."""
     entries: dict[str, Artist] = {}
     for panel in panels:

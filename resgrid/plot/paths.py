@@ -21,10 +21,11 @@ from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError
 from resgrid.planning.blocking_obstacles import SceneSeparation, Separation
 from resgrid.planning.clearance_curves import ClearanceCurve
-from resgrid.planning.streamline import Outcome, Polyline, ShortPath, Streamline, unwrap
+from resgrid.planning.streamline import AnyPath, Outcome, Polyline, ShortPath, Streamline, unwrap
 from resgrid.plot.figures import axes_or_new
 from resgrid.plot.panels import Layer, Panel, draw_known, draw_panels, name_free_cells, painter, virtual_cells
 from resgrid.plot.plane import at_small_goals, finish, seam_shifts
+from resgrid.plot.space_view import subdivided
 from resgrid.plot.style import FAILURE, FEW, PATHS, TEXT, blend_styles, dress, mark
 
 _PIECES = 256
@@ -228,24 +229,24 @@ def draw_line(
     `ax`: axes to draw on; None for a new figure that also shows the cells of the space; `axis`, `indices`: normal axis
     and cell indices of the slices of a space with three or four axes.
     """
-    space, points = path.space, unwrap(path)
-    copies = [space.from_world(points + shift) for shift in seam_shifts(space)] if len(points) > 1 else []
-    lines = [_subdivided(line) if space.ndim > 2 else line for line in copies]
+    return draw_panels(path.space, ax, *_ground(path.space, ax), line_layer([path]), axis=axis, indices=indices)
+
+
+def line_layer(paths: Sequence[AnyPath]) -> Layer:
+    """Return a function of a `Panel` that draws paths, with their copies across periodic seams, and their starts."""
+    drawn: list[tuple[list[NDArray[np.float64]], NDArray[np.float64]]] = []
+    for path in paths:
+        space, points = path.space, unwrap(path)
+        copies = [space.from_world(points + shift) for shift in seam_shifts(space)] if len(points) > 1 else []
+        lines = [subdivided(line, _PIECES) if space.ndim > 2 else line for line in copies]
+        drawn.append((lines, space.from_world(points[:1])))
 
     def layer(panel: Panel) -> None:
-        _draw_lines(lines, panel, "path")
-        mark(panel.seen(space.from_world(points[:1])), panel.axes, "start")
+        for lines, start in drawn:
+            _draw_lines(lines, panel, "path")
+            mark(panel.seen(start), panel.axes, "start")
 
-    return draw_panels(space, ax, *_ground(space, ax), layer, axis=axis, indices=indices)
-
-
-def _subdivided(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a polyline (m, ndim) with every segment of `points` (n, ndim) divided into 256 parts.
-
-    A slice of a space with more than two axes then contains the points of a part of a segment.
-    """
-    along = np.linspace(0.0, len(points) - 1.0, _PIECES * (len(points) - 1) + 1)
-    return np.stack([np.interp(along, np.arange(len(points)), column) for column in points.T], axis=1)
+    return layer
 
 
 def draw_separation(

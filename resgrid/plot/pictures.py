@@ -48,9 +48,9 @@ PICTURES = {
     "resgrid.planning.blocking_obstacles:Separation": "paths:draw_separation",
     "resgrid.planning.fields:Field": "fields:draw_field",
     "resgrid.planning.clearance_curves:ClearanceCurve": "paths:draw_clearance_curve",
-    "resgrid.planning.streamline:Polyline": "paths:draw_line",
-    "resgrid.planning.streamline:ShortPath": "paths:draw_line",
-    "resgrid.planning.streamline:Streamline": "paths:draw_path",
+    "resgrid.planning.streamline:Polyline": "path_pages:draw_line",
+    "resgrid.planning.streamline:ShortPath": "path_pages:draw_line",
+    "resgrid.planning.streamline:Streamline": "path_pages:draw_path",
     "resgrid.planning.time_parameterization:Trajectory": "trajectories:draw_trajectory",
     "resgrid.scene.scene:Scene": "pictures:draw_scene_or_cells",
 }
@@ -60,7 +60,7 @@ PICTURES = {
 PICTURES_OF_SEVERAL = {
     "resgrid.chip.adc_resolution:ADCResolution": "chip_curves:draw_adc_resolutions",
     "resgrid.control.run_log:Run": "control:draw_runs",
-    "resgrid.planning.streamline:Streamline": "paths:draw_streamlines",
+    "resgrid.planning.streamline:Streamline": "path_pages:draw_streamlines",
 }
 """Function that draws a sequence of values of a type, or a mapping of names to such values; the form is that of
 `PICTURES`."""
@@ -153,7 +153,9 @@ def draw(value: object, ax: Axes | None = None, **options: Any) -> Any:
     field               potential of one to four axes, or currents   ``quantity`` ("potential", "currents"), ``scale``
                                                                      ("auto", "linear", "log": decades of the drop),
                                                                      ``contours``, ``axis``, ``indices``
-    path, paths         streamlines on the cells, or on a given ax   ``axis``, ``indices``; of several ``k`` (of each)
+    path, paths         streamlines on the cells, or on a given ax;  ``axis``, ``indices``; of several ``k`` (of each),
+                        of a point or ball in space the surface of   ``unknown`` (mask of obstacle cells)
+                        the obstacles, and slices at the path
     trajectory          speed and position over time                 ``quantity`` ("page", "speed", "position")
     netlist             circuit diagram                              ``op`` (voltages to write)
     circuit of a deck   circuit diagram of its netlist

@@ -103,15 +103,15 @@ class Layer(NamedTuple):
 def render(
     triangles: NDArray[np.float64],
     owner: NDArray[np.int64],
-    colour: str,
+    colour: str | NDArray[np.float64],
     camera: Camera,
     window: Window,
     opacity: float,
 ) -> Layer:
-    """Return the image of triangles of one colour.
+    """Return the image of triangles.
 
     `triangles` (n, 3, 3): corners in the world; `owner` (n,): number of the body of each triangle, whose outline is
-    drawn dark; `opacity`: 0 to 1.
+    drawn dark; `colour`: of all triangles, or (n, 3) from 0 to 1 for each; `opacity`: 0 to 1.
     """
     seen = camera.seen(triangles)
     depth, face = _nearest(window.pixels(seen), window)
@@ -124,7 +124,8 @@ def render(
     shade = light[face[covered]]
     shade[_outline(np.append(owner, -1)[face])[covered]] *= _OUTLINE
     pixels = np.zeros((*face.shape, 3), dtype=np.uint8)
-    pixels[covered] = 255 * shade[:, None] * np.array(to_rgb(colour)) + 0.5
+    paint = np.array(to_rgb(colour)) if isinstance(colour, str) else colour[face[covered]]
+    pixels[covered] = 255 * shade[:, None] * paint + 0.5
     return Layer(pixels, depth, opacity)
 
 

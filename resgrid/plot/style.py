@@ -20,7 +20,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patheffects import Normal, Stroke
 from numpy.typing import ArrayLike
 
-from resgrid._internal.colours import GOAL, HEIGHT
+from resgrid._internal.colours import GOAL, HEIGHT, SURFACE
 from resgrid.core.axis import Axis
 
 OBSTACLE = "#3d3d3d"
@@ -98,6 +98,11 @@ def blend_styles(blends: Sequence[float | None]) -> list[dict[str, Any]]:
 def height_map() -> Colormap:
     """Return the colour map of a height above the goal: yellow at the goal, dark blue at the maximum."""
     return LinearSegmentedColormap.from_list("height", HEIGHT, N=256)
+
+
+def surface_map() -> Colormap:
+    """Return the colour map of the height of an obstacle's surface in space: dark grey-blue below, pale above."""
+    return LinearSegmentedColormap.from_list("surface", SURFACE, N=256)
 
 
 def strength_map() -> Colormap:

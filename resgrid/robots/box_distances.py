@@ -3,10 +3,34 @@
 from __future__ import annotations
 
 from itertools import product
+from math import ceil, prod
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+
+_CELLS_AT_ONCE = 1 << 21
+"""Number of cells whose distances are computed at once; their transform takes up to 70 bytes per cell."""
+
+
+def near_boxes(
+    mask: NDArray[np.bool_], spacing: NDArray[np.float64], reach: float, rule: Literal["conservative", "centre"]
+) -> NDArray[np.bool_]:
+    """Return the mask of cells whose box, or centre, lies within a distance of a marked box; shape of `mask`.
+
+    `reach`: distance in axis units; the other parameters are those of `distance_from_boxes`.  Bands along the first
+    axis, each with the cells within the distance, limit the memory.
+    """
+    halo = ceil(min(reach / float(spacing[0]), len(mask))) + 2
+    step = max(_CELLS_AT_ONCE // max(prod(mask.shape[1:]), 1), halo)
+    near = np.zeros_like(mask)
+    for first in range(0, len(mask), step):
+        low = max(first - halo, 0)
+        band = mask[low : first + step + halo]
+        if band.any():
+            distance = distance_from_boxes(band, spacing, rule)
+            near[first : first + step] = distance[first - low : first - low + step] <= reach
+    return near
 
 
 def distance_from_boxes(

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from resgrid.core.axis import Axis, Point, rounding, split_points
 from resgrid.errors import InputError
 from resgrid.robots.bounded import Bounds
-from resgrid.robots.box_distances import distance_from_boxes
+from resgrid.robots.box_distances import near_boxes
 from resgrid.robots.geometry import edges_of, periodic_images
 from resgrid.robots.mesh import Mesh
 from resgrid.robots.mesh_cells import near_mesh
@@ -180,7 +180,7 @@ def _near_cells(shape: CellSet, axes: tuple[Axis, ...], reach: float, rule: Samp
     spacing = np.array([axis.spacing for axis in axes])
     mask = np.pad(shape.mask, pad, mode="wrap")
     rim = min(rims(axes)) if rule == "conservative" else 0.0
-    near = mask | (distance_from_boxes(mask, spacing, rule) <= reach - rim)
+    near = mask | near_boxes(mask, spacing, reach - rim, rule)
     return near[tuple(slice(before, size - after) for (before, after), size in zip(pad, mask.shape, strict=True))]
 
 

@@ -1,4 +1,4 @@
-"""Detection of PLY files that are cut short."""
+"""Headers of PLY files: detection of files that are cut short, and the number of faces."""
 
 from __future__ import annotations
 
@@ -8,6 +8,9 @@ from resgrid.errors import InputError
 
 _ELEMENT = re.compile(rb"^element\s+\S+\s+(\d+)", re.MULTILINE)
 """Pattern of the line in a PLY header that holds the number of vertices, faces or other elements."""
+
+_FACES = re.compile(rb"^element\s+face\s+(\d+)", re.MULTILINE)
+"""Pattern of the line in a PLY header that holds the number of faces."""
 
 
 def check_ply(data: bytes, name: str) -> None:
@@ -22,6 +25,12 @@ def check_ply(data: bytes, name: str) -> None:
     found = sum(1 for line in body.splitlines() if line.strip())
     if re.search(rb"^format\s+ascii", head, re.MULTILINE) and found < needed:
         raise _cut_short(name, f"{needed} lines of vertices and faces", str(found))
+
+
+def count_faces(data: bytes) -> int:
+    """Return the number of faces in the header of a PLY file; `data`: bytes of the file."""
+    found = _FACES.search(data.partition(b"end_header")[0])
+    return 0 if found is None else int(found[1])
 
 
 def _cut_short(name: str, needed: str, found: str) -> InputError:

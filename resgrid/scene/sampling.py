@@ -99,9 +99,14 @@ def adding(scene: Scene, key: str, option: str) -> str:
 
     `key`: key of the scene file, such as "a [[goal]]"; `option`: option of the command line, such as "--goal".
     """
-    by_option = f"give {option} X,Y"
+    by_option = f"give {with_coordinates(option, scene.ndim)}"
     is_map = scene.map is not None and scene.source is not None and Path(scene.source).suffix.lower() != ".toml"
     return by_option if is_map else f"add {key} to the scene, or {by_option}"
+
+
+def with_coordinates(option: str, ndim: int) -> str:
+    """Return an option with the placeholder of a place, such as ``--goal X,Y,Z``; `ndim`: number of axes."""
+    return f"{option} {'X,Y,Z' if ndim == 3 else 'X,Y'}"
 
 
 def remedy_of_size(scene: Scene) -> Remedy:

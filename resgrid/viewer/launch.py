@@ -14,7 +14,12 @@ import rich
 
 from resgrid._internal.extras import install_command
 from resgrid.errors import InputError, ToolMissingError
+from resgrid.planning.streamline import Streamline
+from resgrid.robots import URDFRobot
+from resgrid.robots.voxel_surfaces import is_voxel_world
+from resgrid.scene.sampling import build_space
 from resgrid.viewer.planning import ArmPlan, require_arm
+from resgrid.viewer.point_planning import PointPlan
 
 if TYPE_CHECKING:
     from resgrid.core.space import ConfigurationSpace
@@ -24,15 +29,11 @@ _HOST = "127.0.0.1"
 """Address of the server: only this computer has access."""
 
 _DIRECTION = np.array([1.0, -1.3, 0.8])
-"""Direction from the base of the robot to the camera, as multiples of the robot's reach."""
-
-
-_CENTRE = np.array([0.0, 0.0, 0.3])
-"""Place in the middle of the view relative to the base of the robot, as multiples of the robot's reach."""
+"""Direction from the middle of the view to the camera, as multiples of the extent of the view."""
 
 
 class Viewer:
-    """A 3-D view of an arm and its server; closed by `close`, by Ctrl-C in `wait`, or at the end of a ``with`` block.
+    """A 3-D view and its server; closed by `close`, by Ctrl-C in `wait`, or at the end of a ``with`` block.
 
     Attributes
     ----------
@@ -40,14 +41,14 @@ class Viewer:
         Address of the view, to open in a browser.
     """
 
-    def __init__(self, scene: Scene, port: int, space: ConfigurationSpace | None = None) -> None:
+    def __init__(self, shown: Scene | Streamline, port: int, space: ConfigurationSpace | None = None) -> None:
         try:
             import viser
         except ImportError as error:
             raise ToolMissingError(f"the 3-D view needs viser; type: {install_command('viewer')} ({error})") from None
         from resgrid.viewer.panel import Panel
 
-        task = ArmPlan(scene, space)
+        task = _task(shown, space)
         with _silent():
             self._server = viser.ViserServer(host=_HOST, port=_free_port(port), verbose=False)
         self._server.gui.configure_theme(show_logo=False, show_share_button=False)
@@ -69,12 +70,11 @@ class Viewer:
     def __exit__(self, *_: Any) -> None:
         self.close()
 
-    def _set_camera(self, task: ArmPlan) -> None:
-        base = task.robot.tree.placement[0, :3, 3]
+    def _set_camera(self, task: ArmPlan | PointPlan) -> None:
         self._server.scene.set_up_direction("+z")
         camera = self._server.initial_camera
-        camera.position = tuple(base + _DIRECTION * task.robot.reach)
-        camera.look_at = tuple(base + _CENTRE * task.robot.reach)
+        camera.position = tuple(task.centre + _DIRECTION * task.size)
+        camera.look_at = tuple(task.centre)
 
     def wait(self) -> None:
         """Block until the view is closed, or until the user interrupts the process."""
@@ -93,16 +93,20 @@ class Viewer:
             self._server.stop()
 
 
-def view(scene: Scene, *, space: ConfigurationSpace | None = None, port: int = 0, browser: bool = True) -> Viewer:
-    """Open a 3-D view of an arm in the browser: links, obstacles, the path with a slider, and handles for its ends.
+def view(
+    shown: Scene | Streamline, *, space: ConfigurationSpace | None = None, port: int = 0, browser: bool = True
+) -> Viewer:
+    """Open a 3-D view in the browser: obstacles, the robot on its path with a slider, and handles for its ends.
 
-    A start that changes gives a new streamline; a goal that changes is solved again, without new geometry.  A thread of
-    this process serves the view to this computer only.
+    A start that changes gives a new streamline; a goal that changes is solved again, without new geometry.  Obstacles
+    of a point or a ball in space are shown as the surface of their cells.  A thread of this process serves the view to
+    this computer only.
 
     Parameters
     ----------
-    scene : Scene
-        Scene with an arm from a URDF file; its first start is the initial start.
+    shown : Scene or Streamline
+        Scene with an arm from a URDF file, or with a point or a ball in space; its first start is the initial start.
+        Or a path of a point or a ball in space.
     space : ConfigurationSpace, optional
         Result of `build_space` for the scene; by default it is computed, or loaded from the cache.
     port : int
@@ -118,7 +122,7 @@ def view(scene: Scene, *, space: ConfigurationSpace | None = None, port: int = 0
     Raises
     ------
     InputError
-        If the robot of the scene is not an arm from a URDF file, or the port is not free.
+        If the robot is neither an arm from a URDF file nor a point or ball in space, or the port is not free.
     ToolMissingError
         If the packages of the extra ``viewer`` are not installed.
 
@@ -129,11 +133,32 @@ def view(scene: Scene, *, space: ConfigurationSpace | None = None, port: int = 0
     ...     view.url.startswith("http://127.0.0.1:")
     True
     """
-    require_arm(scene)
-    viewer = Viewer(scene, port, space)
+    if isinstance(shown, Streamline):
+        _require_voxel_world(shown.space)
+    elif not shown.robot.moves_in_workspace:
+        require_arm(shown)
+    else:
+        space = build_space(shown) if space is None else space
+        _require_voxel_world(space)
+    viewer = Viewer(shown, port, space)
     if browser:
         webbrowser.open(viewer.url)
     return viewer
+
+
+def _require_voxel_world(space: ConfigurationSpace) -> None:
+    if not is_voxel_world(space):
+        raise InputError(
+            "the 3-D view shows arms from URDF files, and points and balls in space; this robot is neither: use "
+            "live(scene), or draw(path)"
+        )
+
+
+def _task(shown: Scene | Streamline, space: ConfigurationSpace | None) -> ArmPlan | PointPlan:
+    """Return the problem of a view; `shown`, `space`: as in `view`."""
+    if isinstance(shown, Streamline):
+        return PointPlan.of_path(shown)
+    return ArmPlan(shown, space) if isinstance(shown.robot, URDFRobot) else PointPlan.of_scene(shown, space)
 
 
 @contextmanager

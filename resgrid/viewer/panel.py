@@ -10,8 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.viewer.models import ROBOT, ArmModel, add_ghosts, add_line, add_surroundings
+from resgrid.viewer.ball_models import ROBOT_BALL, BallModel, add_voxels
+from resgrid.viewer.models import END, ROBOT, START, ArmModel, add_ghosts, add_line, add_surroundings
 from resgrid.viewer.planning import ArmPlan, Motion, answer
+from resgrid.viewer.point_planning import PointPlan
 
 if TYPE_CHECKING:
     import viser
@@ -27,6 +29,9 @@ _STEPS = 400
 
 _PLAY, _PAUSE = "Play", "Pause"
 
+Model = ArmModel | BallModel
+"""A robot in the view that can be moved."""
+
 
 class Panel:
     """The controls of a 3-D view, and the thread that plans after changes.
@@ -34,15 +39,14 @@ class Panel:
     `task`: scene, start and goal; all changes of the start and the goal come from the controls.
     """
 
-    def __init__(self, server: viser.ViserServer, task: ArmPlan) -> None:
+    def __init__(self, server: viser.ViserServer, task: ArmPlan | PointPlan) -> None:
         self.server, self.task = server, task
         self.motion: Motion = answer(task, None)
         self._closed, self._changed, self._playing = threading.Event(), threading.Event(), threading.Event()
         self._lock, self._display = threading.Lock(), threading.Lock()
         self._wanted: dict[str, NDArray[np.float64]] = {}
-        add_surroundings(server, task.scene, task.robot)
-        self.robot = ArmModel(server, task.robot, "robot", ROBOT)
-        self.ghosts = dict(zip(("start", "goal"), add_ghosts(server, task.robot), strict=True))
+        self.robot, *ghosts = self._add_models()
+        self.ghosts = dict(zip(("start", "goal"), ghosts, strict=True))
         self._add_controls()
         self._show_motion()
         self._threads = [
@@ -51,6 +55,19 @@ class Panel:
         ]
         for thread in self._threads:
             thread.start()
+
+    def _add_models(self) -> tuple[Model, Model, Model]:
+        """Add the surroundings, and return the models of the moving robot and of the robot at start and goal."""
+        task, server = self.task, self.server
+        if isinstance(task, PointPlan):
+            add_voxels(server, task.space)
+            return (
+                BallModel(server, "robot", task.radius, ROBOT_BALL),
+                BallModel(server, "start", task.radius, START),
+                BallModel(server, "end", task.radius, END),
+            )
+        add_surroundings(server, task.scene, task.robot)
+        return (ArmModel(server, task.robot, "robot", ROBOT), *add_ghosts(server, task.robot))
 
     def close(self) -> None:
         """End the threads; the result of a computation that still runs is dropped."""
@@ -61,7 +78,7 @@ class Panel:
 
     def _add_controls(self) -> None:
         gui = self.server.gui
-        gui.set_panel_label(self.task.scene.title or "resgrid")
+        gui.set_panel_label(self.task.title or "resgrid")
         self.status = gui.add_markdown("")
         self.slider: Any = gui.add_slider("along the path", 0.0, 1.0, 1.0 / _STEPS, 0.0)
         self.button = gui.add_button(_PLAY)
@@ -73,7 +90,7 @@ class Panel:
             with gui.add_folder(which):
                 self.joints[which] = [self._joint_slider(which, number, value) for number, value in enumerate(pose)]
             handle = self.server.scene.add_transform_controls(
-                f"/{which}_handle", scale=0.2 * min(1.0, self.task.robot.reach), disable_rotations=True,
+                f"/{which}_handle", scale=self.task.handle_size, disable_rotations=True,
                 disable_sliders=True, depth_test=False,
             )  # fmt: skip
             handle.on_update(partial(self._dragged, which))
@@ -84,10 +101,10 @@ class Panel:
 
     def _joint_slider(self, which: str, number: int, value: float) -> Any:
         """Return a slider for a joint of the start or the goal; `which`: "start" or "goal"; `value`: initial value."""
-        axis = self.task.scene.axes[number]
+        axis = self.task.axes[number]
         step = (axis.upper - axis.lower) / _STEPS
         slider = self.server.gui.add_slider(
-            f"{self.task.robot.moving[number]} ({axis.unit})", axis.lower, axis.upper, step,
+            f"{self.task.names[number]} ({axis.unit})", axis.lower, axis.upper, step,
             float(np.clip(value, axis.lower, axis.upper)),
         )  # fmt: skip
         slider.on_update(partial(self._slid, which))
@@ -133,7 +150,7 @@ class Panel:
     def _place(self, which: str, pose: NDArray[np.float64]) -> None:
         """Show the model and the handle of the start or the goal in a configuration."""
         self.ghosts[which].move(pose)
-        self.handles[which].position = self.task.robot.reference_point(pose.reshape(1, -1))[0]
+        self.handles[which].position = self.task.places(pose.reshape(1, -1))[0]
 
     def _show_ends(self, visible: bool) -> None:
         for which in ("start", "goal"):
@@ -161,7 +178,7 @@ class Panel:
 
     def _show_motion(self) -> None:
         """Show the path of the tool, the outcome, and the robot at the position of the slider."""
-        add_line(self.server, self.task.robot.reference_point(self.motion.configurations))
+        add_line(self.server, self.task.places(self.motion.configurations))
         if self.task.goal is None:
             self._place("goal", self.motion.configurations[-1])
             self._write_sliders("goal", self.motion.configurations[-1])

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid.core.axis import Axis
 from resgrid.core.cell import Cell
 from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError, ResgridError
@@ -33,6 +36,10 @@ _DAMPING = 0.05
 
 _LONGEST = 0.3
 """Largest change of a joint in one of these steps, in radians or metres."""
+
+
+_CENTRE = np.array([0.0, 0.0, 0.3])
+"""Place in the middle of the view relative to the base of the robot, as multiples of the robot's reach."""
 
 
 @dataclass(frozen=True)
@@ -81,32 +88,55 @@ class ArmPlan:
         self.goal: NDArray[np.float64] | None = None
         self.start = np.array(scene.starts[0], dtype=np.float64) if scene.starts else self._some_start()
 
+    @property
+    def title(self) -> str:
+        """Title of the scene."""
+        return self.scene.title
+
+    @property
+    def axes(self) -> tuple[Axis, ...]:
+        """Axes of the configurations."""
+        return self.scene.axes
+
+    @property
+    def names(self) -> Sequence[str]:
+        """Names of the joints."""
+        return self.robot.moving
+
+    @property
+    def centre(self) -> NDArray[np.float64]:
+        """Place in the middle of the view, shape (3,)."""
+        base: NDArray[np.float64] = self.robot.tree.placement[0, :3, 3]
+        return base + _CENTRE * self.robot.reach
+
+    @property
+    def size(self) -> float:
+        """Extent of the view in metres: the reach of the robot."""
+        return self.robot.reach
+
+    @property
+    def handle_size(self) -> float:
+        """Length of the arrows of a handle, in metres."""
+        return 0.2 * min(1.0, self.robot.reach)
+
+    def places(self, configurations: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the places (n, 3) of the tool in configurations (n, ndim)."""
+        return self.robot.reference_point(configurations)
+
     def _some_start(self) -> NDArray[np.float64]:
         """Return the centre of the free cell with the highest potential: a start far from the goals."""
-        field = self.planner.field
-        height = np.where(field.space.goal_connected & (field.space.cell == Cell.FREE), field.potential, -np.inf)
-        return self.planner.space.centre(np.unravel_index(int(np.nanargmax(height)), height.shape))
+        return farthest_start(self.planner)
 
     def set_goal(self, goal: NDArray[np.float64]) -> None:
         """Solve again for a single goal configuration (ndim,); the geometry of obstacles is not computed again."""
-        space = self.planner.space
-        cell = np.where(space.cell == Cell.GOAL, Cell.FREE, space.cell).astype(np.uint8)
-        place = tuple(space.locate(goal).tolist())
         self.goal = goal
-        if cell[place] == Cell.OBSTACLE:
-            raise InputError("the goal lies in a cell that is not proven free; move it")
-        cell[place] = Cell.GOAL
-        moved = ConfigurationSpace(
-            space.axes, cell, space.conductivity, frame=space.frame, goal_points=[space.from_world(goal)],
-            robot=space.robot, undecided=space.undecided,
-        )  # fmt: skip
-        self.planner = plan(moved, self.wiring, k=self.k)
+        self.planner = plan(with_goal(self.planner.space, goal), self.wiring, k=self.k)
 
     def motion(self) -> Motion:
         """Return the path from the start as a motion; without a path, a motion that stays at the start."""
         path = self.planner.path(self.start)
         if path.outcome is not Outcome.REACHED:
-            return self.resting(_failure(path))
+            return self.resting(failure_text(path))
         short: AnyPath = shortcut(path)
         clearance = workspace_clearance(short, self.scene.obstacles, step=_CLEARANCE_STEP)
         text = f"**reached** goal {path.goal}  \nclearance {clearance:.3f} m"
@@ -144,17 +174,53 @@ class ArmPlan:
         return joints
 
 
+def farthest_start(planner: Planner) -> NDArray[np.float64]:
+    """Return the centre of the free cell with the highest potential: a start far from the goals."""
+    field = planner.field
+    height = np.where(field.space.goal_connected & (field.space.cell == Cell.FREE), field.potential, -np.inf)
+    return planner.space.centre(np.unravel_index(int(np.nanargmax(height)), height.shape))
+
+
+def with_goal(space: ConfigurationSpace, goal: NDArray[np.float64]) -> ConfigurationSpace:
+    """Return a space with a configuration (ndim,) in world coordinates as its single goal.
+
+    Raises InputError if the goal lies in an obstacle cell.
+    """
+    cell = np.where(space.cell == Cell.GOAL, Cell.FREE, space.cell).astype(np.uint8)
+    place = tuple(space.locate(goal).tolist())
+    if cell[place] == Cell.OBSTACLE:
+        raise InputError("the goal lies in a cell that is not proven free; move it")
+    cell[place] = Cell.GOAL
+    return ConfigurationSpace(
+        space.axes, cell, space.conductivity, frame=space.frame, goal_points=[space.from_world(goal)],
+        robot=space.robot, undecided=space.undecided,
+    )  # fmt: skip
+
+
 def require_arm(scene: Scene) -> URDFRobot:
     """Return the robot of a scene; raise InputError unless it is an arm from a URDF file."""
     if not isinstance(scene.robot, URDFRobot):
         raise InputError(
-            "the 3-D view shows arms from URDF files, but the robot of this scene moves in the plane or is a point; "
-            "use live(scene), or draw(scene)"
+            "the 3-D view shows arms from URDF files, and points and balls in space, but the robot of this scene is "
+            "neither; use live(scene), or draw(scene)"
         )
     return scene.robot
 
 
-def answer(task: ArmPlan, goal: NDArray[np.float64] | None) -> Motion:
+class Task(Protocol):
+    """A problem with a goal that can change, whose motion can be shown."""
+
+    def set_goal(self, goal: NDArray[np.float64]) -> None:
+        """Solve again for a single goal configuration (ndim,)."""
+
+    def motion(self) -> Motion:
+        """Return the path from the start as a motion."""
+
+    def resting(self, text: str) -> Motion:
+        """Return a motion that stays at the start; `text`: reason."""
+
+
+def answer(task: Task, goal: NDArray[np.float64] | None) -> Motion:
     """Return the motion of a task after an optional change of its goal; an error becomes the text of the motion."""
     try:
         if goal is not None:
@@ -164,7 +230,8 @@ def answer(task: ArmPlan, goal: NDArray[np.float64] | None) -> Motion:
         return task.resting(f"**no path**  \n{error}")
 
 
-def _failure(path: Streamline) -> str:
+def failure_text(path: Streamline) -> str:
+    """Return the outcome of a path that reaches no goal, with the reason, as Markdown."""
     reason = {
         Outcome.START_BLOCKED: "the start lies in a cell that is not proven free; move it",
         Outcome.NO_PATH: "no path through proven cells joins start and goal",

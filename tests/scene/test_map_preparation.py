@@ -138,13 +138,24 @@ def coarse_reference(grey, step, unknown_is_free):
 def test_a_coarse_cell_is_free_only_if_all_its_cells_are(tmp_path, unknown, monkeypatch):
     monkeypatch.setattr("resgrid.scene.maps.preparation._CELLS_PER_BAND", 100)
     rng = np.random.default_rng(7)
-    for step in (1, 2, 3, 5, 50):
+    for step in (1, 2, 3, 5, 31):
         grey = random_map(rng, border=1)
         scene = rg.read_scene(write(tmp_path, grey), coarsen=step, unknown=unknown)
         cell, mask = coarse_reference(grey, step, unknown == "free")
         assert (scene.map.cell == cell).all() and (scene.map.unknown == mask).all()
         assert np.allclose([axis.spacing for axis in scene.axes], 0.1 * step)
         assert [axis.lower for axis in scene.axes] == [-1.0, 2.0]
+
+
+@pytest.mark.parametrize(("crop", "size", "most"), [(None, "44 x 31", 31), ((3.05, 2.05, 3.35, 5.05), "4 x 31", 4)])
+def test_joining_more_cells_than_the_map_has_is_one_error(tmp_path, crop, size, most):
+    file = write(tmp_path, np.full((31, 44), FREE))
+    words = rf"map.yaml: map\.coarsen = 1000 exceeds the size of the map, {size} cells: .*; give at most {most}$"
+    with pytest.raises(rg.InputError, match=words):
+        rg.read_scene(file, coarsen=1000, crop=crop)
+    assert not (rg.read_scene(file, coarsen=most, crop=crop).map.cell == 1).all()
+    shown = call("info", file, "--coarsen", 1000)
+    assert shown.exit_code == 2 and shown.stderr.count("\n") == 1
 
 
 def test_a_coarse_cell_has_the_smallest_conductivity(tmp_path):

@@ -177,7 +177,7 @@ def placed_axes(
     Parameters
     ----------
     spacing
-        Width of a cell.
+        Width of a cell; required for point clouds, otherwise 1 by default.
     origin
         Lower corner of the map.
     unit

@@ -17,12 +17,21 @@ from pydantic import Field
 from resgrid._internal.files import read_bytes
 from resgrid.errors import BudgetError, InputError, suggestion
 from resgrid.scene.maps.arrays import MapCells, placed_axes, read_npy
-from resgrid.scene.maps.movingai import PASSABLE, read_movingai, read_voxels
+from resgrid.scene.maps.movingai import PASSABLE, read_movingai
 from resgrid.scene.maps.pictures import THRESHOLD, read_epic, read_grey
 from resgrid.scene.maps.pnm import MAGICS
 from resgrid.scene.maps.preparation import KEYS, LoadedMap, MapSource, Preparation
 from resgrid.scene.maps.ros import open_ros, read_ros, ros_greys
 from resgrid.scene.maps.ros_header import NEWEST
+from resgrid.scene.maps.voxel_parts import (
+    open_cloud,
+    open_octomap,
+    open_voxels,
+    read_cloud_cells,
+    read_octomap_cells,
+    read_voxels,
+)
+from resgrid.scene.solids.octree import BINARY, FULL
 from resgrid.scene.table_models import fields_from
 
 
@@ -48,8 +57,12 @@ class MapFormat:
 
         For formats without a position, the options of `placed_axes` are included.
         """
-        is_placed = get_type_hints(self.read).get("return") is MapCells
-        return fields_from(self.read) | ({} if is_placed else fields_from(placed_axes))
+        return fields_from(self.read) | ({} if self.is_placed else fields_from(placed_axes))
+
+    @property
+    def is_placed(self) -> bool:
+        """Whether the reader returns a map with axes, and not only the cell codes."""
+        return get_type_hints(self.read).get("return") is MapCells
 
 
 PICTURES = (".png", ".pgm", ".pnm", ".ppm", ".pbm", ".bmp", ".gif", ".tif", ".tiff", ".jpg", ".jpeg")
@@ -58,7 +71,9 @@ PICTURES = (".png", ".pgm", ".pnm", ".ppm", ".pbm", ".bmp", ".gif", ".tif", ".ti
 FORMATS: dict[str, MapFormat] = {
     "ros": MapFormat(read_ros, (".yaml", ".yml"), open=open_ros),
     "movingai": MapFormat(read_movingai, (".map",), (b"type ",)),
-    "voxels": MapFormat(read_voxels, (".3dmap",), (b"voxel ",)),
+    "voxels": MapFormat(read_voxels, (".3dmap",), (b"voxel ",), open_voxels),
+    "octomap": MapFormat(read_octomap_cells, (".bt", ".ot"), (FULL, BINARY), open_octomap),
+    "point_cloud": MapFormat(read_cloud_cells, (".ply", ".pcd"), (b"ply\n", b"ply\r", b"# .PCD"), open_cloud),
     "image": MapFormat(read_grey, PICTURES, (b"\x89PNG", b"BM", b"GIF8", b"\xff\xd8\xff", *MAGICS)),
     "epic": MapFormat(read_epic),
     "npy": MapFormat(read_npy, (".npy",), (b"\x93NUMPY",)),
@@ -100,7 +115,8 @@ def read_map(table: Mapping[str, Any], extent: float = 0.0) -> MapCells:
         if key not in known:
             hint = suggestion(key, known) or f"its options are {', '.join(known)}"
             raise InputError(f"{path}: map.{key}: a map of format {name!r} has no such option; {hint}")
-    placing = {key: options.pop(key) for key in signature(placed_axes).parameters if key in options}
+    own = () if FORMATS[name].is_placed else signature(placed_axes).parameters
+    placing = {key: options.pop(key) for key in own if key in options}
     try:
         preparation = Preparation.of(table, extent)
         opened = FORMATS[name].open
@@ -166,8 +182,8 @@ def describe_map(cells: MapCells) -> dict[str, Any]:
     """Return the description of a map as a dictionary for JSON.
 
     Keys: ``file`` and ``format``; for pictures ``greys``, ranges of grey values as tuples (first, last, meaning) with
-    the meanings obstacle, free, goal or unknown; for ROS maps also ``dialect``, ``unknown_cells`` (number) and
-    ``unknown_as`` (obstacle or free); for MovingAI maps ``passable`` (letters of free cells).
+    the meanings obstacle, free, goal or unknown; for ROS maps also ``dialect``; for MovingAI maps ``passable`` (letters
+    of free cells); for maps with unknown cells ``unknown_cells`` (number) and ``unknown_as`` (obstacle or free).
     """
     table = cells.table
     file = Path(table["file"])
@@ -178,8 +194,6 @@ def describe_map(cells: MapCells) -> dict[str, Any]:
         dialect = table.get("dialect", NEWEST)
         described["dialect"] = dialect
         described["greys"] = _runs(ros_greys(file, dialect, table.get("lethal")))
-        described["unknown_cells"] = 0 if cells.unknown is None else int(cells.unknown.sum())
-        described["unknown_as"] = table.get("unknown", "obstacle")
     elif name == "image":
         threshold = table.get("threshold", THRESHOLD)
         described["greys"] = _runs(["obstacle" if grey < threshold else "free" for grey in range(256)])
@@ -187,6 +201,9 @@ def describe_map(cells: MapCells) -> dict[str, Any]:
         described["greys"] = _runs(["obstacle", *["free"] * 254, "goal"])
     elif name == "movingai":
         described["passable"] = table.get("passable", PASSABLE)
+    if cells.unknown is not None:
+        described["unknown_cells"] = int(cells.unknown.sum())
+        described["unknown_as"] = table.get("unknown", "obstacle")
     return described
 
 

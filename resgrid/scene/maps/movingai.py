@@ -15,6 +15,7 @@ from math import isfinite
 from pathlib import Path, PurePosixPath
 
 import numpy as np
+from numpy.typing import NDArray
 
 from resgrid._internal.files import read_text
 from resgrid._internal.memory import SMALLER_MAP, require_grid_memory
@@ -99,28 +100,25 @@ def read_movingai(path: Path, passable: str = PASSABLE) -> MapCells:
     return MapCells(placed_axes(cell.shape), cell)
 
 
-def read_voxels(path: Path) -> MapCells:
-    """Return the cells of a MovingAI voxel map; voxels are 1 x 1 x 1, in units of ``cell``.
+def open_voxel_list(path: Path) -> tuple[list[int], NDArray[np.int32]]:
+    """Return the sizes along x, y and z of a MovingAI voxel map, and its obstacle voxels (n, 3).
 
     The file lists the obstacle voxels; all other voxels are free.
     """
     lines = read_text(path).split("\n")
     words = lines[0].split()
-    sizes = [int(word) if word.isascii() and word.isdigit() and len(word) < 16 else 0 for word in words[1:]]
+    sizes = [int(word) if word.isascii() and word.isdigit() and len(word) < 10 else 0 for word in words[1:]]
     if words[:1] != ["voxel"] or len(sizes) != 3 or min(sizes) < 1:
         raise InputError(f"{path}: line 1: expected 'voxel X Y Z', sizes of at least 1, got {lines[0][:40]!r}")
-    require_grid_memory(tuple(sizes), str(path))
-    cell = np.full(sizes, Cell.FREE, dtype=np.uint8)
     if not any(line.strip() for line in lines[1:]):
-        return MapCells(placed_axes(cell.shape), cell)
+        return sizes, np.zeros((0, 3), dtype=np.int32)
     try:
         voxels = np.loadtxt(lines[1:], dtype=np.int64, comments=None, ndmin=2)
     except (ValueError, OverflowError):
         raise _first_invalid_line(lines, sizes, path) from None
     if voxels.shape[1] != 3 or ((voxels < 0) | (voxels >= sizes)).any():
         raise _first_invalid_line(lines, sizes, path)
-    cell[tuple(voxels.T)] = Cell.OBSTACLE
-    return MapCells(placed_axes(cell.shape), cell)
+    return sizes, voxels.astype(np.int32)
 
 
 def _first_invalid_line(lines: list[str], sizes: list[int], path: Path) -> InputError:

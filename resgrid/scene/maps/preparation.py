@@ -51,13 +51,13 @@ class Preparation:
     Attributes
     ----------
     crop
-        Part of the map that is kept: `"known"` (the smallest rectangle with all cells of known occupancy), or lower and
-        upper corner of a box in world coordinates, `[x0, y0, x1, y1]`.  On a rotated map, the part is the smallest
-        rectangle of rows and columns that covers the box.  Obstacles outside the part that the robot can touch from
-        inside still count.
+        Part of the map that is kept: `"known"` (the smallest box with all cells of known occupancy), or lower and upper
+        corner of a box in world coordinates, `[x0, y0, x1, y1]` in the plane.  On a rotated map, the part is the
+        smallest rectangle of rows and columns that covers the box.  Obstacles outside the part that the robot can touch
+        from inside still count.
     coarsen
-        Number n of cells along each axis that are joined into one.  A coarse cell is free only if all its n x n cells
-        are free, and its conductivity is their smallest one.  Coarse cells that extend past the map are obstacles.
+        Number n of cells along each axis that are joined into one.  A coarse cell is free only if all its cells are
+        free, and its conductivity is their smallest one.  Coarse cells that extend past the map are obstacles.
     refine
         Number n of cells into which each cell is divided along each axis.
     inflate_around_unknown
@@ -94,6 +94,7 @@ class Preparation:
         whole: Window = tuple((0, axis.cells) for axis in axes)
         kept = whole if self.crop is None else self._window(source)
         step = self.coarsen
+        _require_joined_cells(axes, kept, step)
         inner = tuple((first, first + step * ceil((end - first) / step)) for first, end in kept)
         for axis, part, full in zip(axes, inner, whole, strict=True):
             if axis.name in periodic and part != full:
@@ -170,6 +171,20 @@ class Preparation:
         )
 
 
+def _require_joined_cells(axes: Sequence[Axis], kept: Window, step: int) -> None:
+    """Raise InputError if no coarse cell of `step` cells per axis lies in the map, so that all would be obstacles.
+
+    `axes`: axes of the map; `kept`: window of the part whose cells are joined, from its first cell on.
+    """
+    most = min(axis.cells - first for axis, (first, _) in zip(axes, kept, strict=True))
+    if step > most:
+        size = " x ".join(str(end - first) for first, end in kept)
+        raise InputError(
+            f"map.coarsen = {step} exceeds the size of the map, {size} cells: every joined cell would extend past its "
+            f"border and be an obstacle; give at most {most}"
+        )
+
+
 KEYS = tuple(item.name for item in fields(Preparation) if item.name != "extent")
 """Keys of a ``[map]`` table that describe its preparation."""
 
@@ -193,10 +208,7 @@ class LoadedMap:
     def known(self) -> Window | None:
         """Return the smallest window with all cells of known occupancy; None if no cell is known."""
         if self.loaded.unknown is None:
-            raise InputError(
-                'map.crop = "known": this format has no unknown cells; give the part as a box in world coordinates, '
-                "such as crop = [0, 0, 10, 5] (--crop 0,0,10,5)"
-            )
+            raise no_unknown_cells(len(self.axes))
         return extent_of_mask(~self.loaded.unknown)
 
     def cells(self, window: Window) -> MapCells:
@@ -212,6 +224,15 @@ class LoadedMap:
             None if costs is None else np.ascontiguousarray(costs[at]),
             None if unknown is None else np.ascontiguousarray(unknown[at]),
         )
+
+
+def no_unknown_cells(ndim: int) -> InputError:
+    """Return the error for ``crop = "known"`` on a map with `ndim` axes whose format has no unknown cells."""
+    box = [0] * ndim + [10, 5, 3, 2][:ndim]
+    return InputError(
+        'map.crop = "known": this format has no unknown cells; give the part as a box in world coordinates, '
+        f"such as crop = {box} (--crop {','.join(map(str, box))})"
+    )
 
 
 def extent_of_mask(mask: NDArray[np.bool_]) -> Window | None:

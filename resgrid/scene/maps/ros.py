@@ -47,8 +47,8 @@ def read_ros(
     dialect
         ROS map reader whose rules apply: nav2 (since 2025), nav2-jazzy (Nav2 from Dashing to Jazzy) or ros1.
     unknown
-        Treatment of cells of unknown occupancy: obstacle or free.  Raw values above 100 are unknown in Nav2; in ROS 1,
-        255 is unknown, and 101 to 254 are obstacles, as costmap_2d interprets the values of map_server.
+        Treatment of cells of unknown occupancy: obstacle or free.  In ROS maps of mode raw, values above 100 are
+        unknown in Nav2; in ROS 1, 255 is unknown, and 101 to 254 are obstacles, as in costmap_2d.
     lethal
         Smallest occupancy of an obstacle cell; by default from ``occupied_thresh``.
     least_conductivity

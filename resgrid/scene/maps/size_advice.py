@@ -14,7 +14,8 @@ def smaller_map(shape: Sequence[int], ratio: float, known: Window | None) -> str
     `shape`: number of cells along every axis of the map; `ratio`: needed divided by available memory; `known`: window
     of the cells of known occupancy, None for a map without unknown cells.
     """
-    parts = ["--crop X0,Y0,X1,Y1 keeps the part that you need"] if len(shape) == 2 else []
+    box = {2: "X0,Y0,X1,Y1", 3: "X0,Y0,Z0,X1,Y1,Z1"}.get(len(shape))
+    parts = [] if box is None else [f"--crop {box} keeps the part that you need"]
     kept = list(shape) if known is None else [end - first for first, end in known]
     if kept != list(shape):
         parts = ["--crop known" + _joined(kept, ratio * prod(kept) / prod(shape))]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from io import BytesIO
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from resgrid._internal.memory import require_memory
 from resgrid.errors import InputError
 from resgrid.robots import Voxels
 from resgrid.robots.mesh_files import import_trimesh
-from resgrid.robots.ply import check_ply
+from resgrid.robots.ply import check_ply, count_faces
 from resgrid.robots.solids import Angle, Length, SpacePoint, rigid_pose
 from resgrid.scene.solids.pcd import read_pcd
 
@@ -71,27 +72,44 @@ def read_point_cloud(
     <Voxels: 2 of width 0.25 in 1 box>
     """
     path = Path(file)
-    suffix = path.suffix.lower()
-    if suffix not in (".ply", ".pcd"):
-        raise InputError(f"{path}: {suffix or 'no suffix'} is not a format of point clouds; give a .ply or .pcd file")
-    points = read_pcd(path) if suffix == ".pcd" else _ply_points(path)
+    if path.suffix.lower() not in (".ply", ".pcd"):
+        raise InputError(
+            f"{path}: {path.suffix or 'no suffix'} is not a format of point clouds; give a .ply or .pcd file"
+        )
+    pose = rigid_pose(position, rotation) * [scale, scale, scale, 1.0]
+    return Voxels.of_cells(cloud_cells(path, resolution, pose, _BYTES_PER_POINT), resolution)
+
+
+def cloud_cells(path: Path, resolution: float, pose: NDArray[np.float64], bytes_per_point: float) -> NDArray[np.int64]:
+    """Return the voxel of every point of a cloud as indices from the origin, shape (n, 3).
+
+    `path`: PLY or PCD, recognised by its first bytes; `resolution`: width of a voxel; `pose` (4, 4): transformation of
+    the points; `bytes_per_point`: memory per point that the caller needs.
+    """
+    points = _ply_points(path) if read_bytes(path, first=3) == b"ply" else read_pcd(path)
     _check_points(points, path)
-    require_memory(len(points) * _BYTES_PER_POINT, f"{path}: {len(points)} points", "thin the cloud")
-    pose = rigid_pose(position, rotation)
-    points = points * scale @ pose[:3, :3].T + pose[:3, 3]
+    require_memory(len(points) * bytes_per_point, f"{path}: {len(points)} points", "thin the cloud")
+    points = points @ pose[:3, :3].T + pose[:3, 3]
     least = 64 * float(np.spacing(np.abs(points).max()))
     if resolution < least:
         raise InputError(
             f"{path}: voxels of {resolution:g} are too narrow for floating point at coordinates up to "
             f"{np.abs(points).max():g}; give a resolution of at least {least:.2g}"
         )
-    return Voxels.of_cells(np.floor(points / resolution).astype(np.int64), resolution)
+    return np.floor(points / resolution).astype(np.int64)
 
 
 def _ply_points(path: Path) -> NDArray[np.float64]:
     """Return the vertices (n, 3) of a PLY file."""
     data = read_bytes(path)
     check_ply(data, str(path))
+    faces = count_faces(data)
+    if faces:
+        warnings.warn(
+            f"{path}: of this mesh of {faces} faces only vertices count, and the space between them is free; sample "
+            'points of the surface, or use the mesh as an obstacle (shape = "mesh")',
+            stacklevel=2,
+        )
     trimesh = import_trimesh(path, "ply")
     try:
         loaded = trimesh.load(BytesIO(data), file_type="ply", process=False)

@@ -1,0 +1,130 @@
+"""Pictures of paths: on the plane, in slices, or as a page of a voxel world."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TypeGuard
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from resgrid.core.space import ConfigurationSpace
+from resgrid.planning.streamline import AnyPath, Polyline, ShortPath, Streamline
+from resgrid.plot import paths as plane_paths
+from resgrid.plot.figures import PAGE, new_figure, panel_height
+from resgrid.plot.panels import Panel, add_figure_legend, draw_known, paint_unknown, painter
+from resgrid.plot.paths import line_layer, path_layer
+from resgrid.plot.plane import Cut, plane_of, unknown_cells
+from resgrid.plot.slices import slice_title
+from resgrid.plot.space_view import subdivided
+from resgrid.plot.style import TEXT
+from resgrid.plot.voxels import draw_voxels, points_of
+from resgrid.robots.voxel_surfaces import is_voxel_world
+
+_SLICES = 3
+"""Largest number of horizontal slices below the picture of the surface."""
+
+_PIECES = 24
+"""Number of pieces into which each segment of a path is divided to find its median height."""
+
+
+def draw_path(
+    path: Streamline, ax: Axes | None = None, *, axis: int | None = None, indices: Sequence[int] | None = None
+) -> Axes | Figure:
+    """Draw a streamline; return the axes, or the figure of a space with more than two axes.
+
+    `ax`: axes to draw on, by default those of a new figure; `axis`, `indices`: normal axis and cell indices of the
+    slices of a space with three or four axes.
+    """
+    return draw_streamlines([path], ax, axis=axis, indices=indices)
+
+
+def draw_streamlines(
+    paths: Sequence[Streamline],
+    ax: Axes | None = None,
+    *,
+    k: Sequence[float] | None = None,
+    unknown: NDArray[np.bool_] | None = None,
+    axis: int | None = None,
+    indices: Sequence[int] | None = None,
+) -> Axes | Figure:
+    """Draw streamlines; return the axes, or the figure of a space with more than two axes.
+
+    For points and balls in space, the figure shows the surface of the obstacles and horizontal slices, unless `axis`
+    selects slices.  `ax`: axes to draw on, by default those of a new figure; `k`: weight k of the Dirichlet field of
+    each path, None for paths of one field; `unknown`: mask of obstacle cells of unknown occupancy; `axis`, `indices`:
+    normal axis and cell indices of the slices.
+    """
+    if ax is None and axis is None and indices is None and is_voxel_world(paths[0].space):
+        plane_paths.require_paths(paths, paths[0].space)
+        return draw_voxel_page(paths, k, unknown)
+    picture = plane_paths.draw_streamlines(paths, ax, k=k, axis=axis, indices=indices)
+    paint_unknown(picture, paths[0].space, unknown)
+    return picture
+
+
+def draw_line(
+    path: Polyline | ShortPath,
+    ax: Axes | None = None,
+    *,
+    axis: int | None = None,
+    indices: Sequence[int] | None = None,
+) -> Axes | Figure:
+    """Draw a polyline; the options and the result are those of `draw_path`."""
+    if ax is None and axis is None and indices is None and is_voxel_world(path.space):
+        return draw_voxel_page([path])
+    return plane_paths.draw_line(path, ax, axis=axis, indices=indices)
+
+
+def is_streamlines(paths: Sequence[AnyPath]) -> TypeGuard[Sequence[Streamline]]:
+    """Return whether all paths are streamlines."""
+    return all(isinstance(path, Streamline) for path in paths)
+
+
+def draw_voxel_page(
+    paths: Sequence[AnyPath], k: Sequence[float] | None = None,
+    unknown: NDArray[np.bool_] | None = None,
+) -> Figure:  # fmt: skip
+    """Draw paths of one space with three axes: the surface of the obstacles, and horizontal slices at their heights.
+
+    `k`: weight k of the Dirichlet field of each streamline, None for paths of one field; `unknown`: mask of obstacle
+    cells of unknown occupancy.
+    """
+    space = paths[0].space
+    layer = path_layer(paths, k) if is_streamlines(paths) else line_layer(paths)
+    cuts = _cuts_through(paths, space)
+    planes = [plane_of(space, cut) for cut in cuts]
+    below = panel_height(PAGE / _SLICES - 0.6, max(plane.aspect for plane in planes)) - 0.4
+    above = 0.62 * PAGE
+    figure = new_figure(PAGE, above + below + 0.5)
+    grid = figure.add_gridspec(2, len(cuts), height_ratios=[above, below])
+    surface = draw_voxels(space, paths, figure.add_subplot(grid[0, :]), unknown=unknown)
+    legend = surface.get_legend()
+    if legend is not None:
+        legend.remove()
+    panels = [Panel(space, figure.add_subplot(grid[1, n]), planes[n], cut) for n, cut in enumerate(cuts)]
+    for panel, plane in zip(panels, planes, strict=True):
+        panel.axes.set_title(slice_title(space, plane, panel.cut), fontsize=TEXT)
+        draw_known(panel)
+        painter(*unknown_cells(space.cell, unknown))(panel)
+        layer(panel)
+    add_figure_legend(figure, [Panel(space, surface, None), *panels])
+    return figure
+
+
+def _cuts_through(paths: Sequence[AnyPath], space: ConfigurationSpace) -> list[Cut]:
+    """Return horizontal slices at heights of paths: start and end of the first one, its extreme and median heights."""
+    path, axis = paths[0], space.axes[2]
+    line = subdivided(points_of(path, space), _PIECES)
+    heights = np.clip(np.floor((line[:, 2] - axis.lower) / axis.spacing).astype(int), 0, axis.cells - 1)
+    ends = [int(heights[0]), int(path.cells[-1][2]) if isinstance(path, Streamline) else int(heights[-1])]
+    extremes = sorted(
+        (int(heights.max()), int(heights.min())), key=lambda number: -min(abs(number - end) for end in ends)
+    )
+    chosen: list[int] = []
+    for number in (*ends, *extremes, int(np.median(heights))):
+        if number not in chosen and len(chosen) < _SLICES:
+            chosen.append(number)
+    return [((2, number),) for number in sorted(chosen)]

@@ -1,0 +1,151 @@
+"""Surfaces of cells in space: rectangles between solid cells and cells of air, for pictures and 3-D views."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.core.axis import Axis
+from resgrid.core.space import ConfigurationSpace
+
+DIRECTIONS = tuple((axis, sign) for axis in range(3) for sign in (-1, 1))
+"""Directions of faces: number of the axis, and -1 or 1 for the lower or the upper face of a solid cell."""
+
+
+_CLOSED = 0.5
+"""Fraction of obstacle cells from which a side of the grid is a wall, whose outside is not drawn."""
+
+_MOST_CELLS = 200
+"""Largest number of drawn cells along an axis; larger grids are drawn in blocks of cells."""
+
+
+def is_voxel_world(space: ConfigurationSpace) -> bool:
+    """Return whether a space has the axes of space, without rings, for a point or a ball."""
+    units = {axis.unit for axis in space.axes}
+    moves = space.robot is None or space.robot.moves_in_workspace
+    return space.ndim == 3 and moves and len(units) == 1 and not any(space.periodic)
+
+
+class Faces(NamedTuple):
+    """Rectangles in space.
+
+    `corners` (n, 4, 3): anticlockwise seen from the air, in axis units; `plane` (n,): a number for each direction and
+    plane, equal for faces that lie in one plane and face the same direction.
+    """
+
+    corners: NDArray[np.float64]
+    plane: NDArray[np.int64]
+
+    @property
+    def triangles(self) -> NDArray[np.float64]:
+        """Corners of two triangles per face, shape (2 n, 3, 3): all first triangles, then all second ones."""
+        return np.concatenate([self.corners[:, [0, 1, 2]], self.corners[:, [0, 2, 3]]])
+
+
+def faces_between(
+    solid: NDArray[np.bool_],
+    air: NDArray[np.bool_],
+    axes: Sequence[Axis],
+    directions: Sequence[tuple[int, int]] = DIRECTIONS,
+    *,
+    merge: bool = False,
+) -> Faces:
+    """Return the faces of solid cells that border on air.
+
+    `solid`, `air`: masks of the cells of a grid with three axes; `axes`: its axes; `directions`: entries of
+    `DIRECTIONS`; `merge`: whether faces in a horizontal row become one rectangle.
+    """
+    edges = [axis.edges for axis in axes]
+    corners, planes = [np.empty((0, 4, 3))], [np.empty(0, dtype=np.int64)]
+    for axis, sign in directions:
+        before, after = ([slice(None)] * 3 for _ in range(2))
+        before[axis], after[axis] = slice(None, -1), slice(1, None)
+        own, other = (before, after) if sign > 0 else (after, before)
+        meets = solid[tuple(own)] & air[tuple(other)]  # index i: the face between the cells i and i + 1
+        along = 1 if axis == 0 else 0
+        index = _rows(meets, along) if merge else np.argwhere(meets)[:, :, np.newaxis] + np.arange(2)
+        index[:, axis] = index[:, axis, :1] + 1
+        corners.append(_rectangles(index, edges, axis, sign))
+        planes.append(6 * index[:, axis, 0] + 2 * axis + (sign > 0))
+    return Faces(np.concatenate(corners), np.concatenate(planes))
+
+
+def _rows(mask: NDArray[np.bool_], along: int) -> NDArray[np.int64]:
+    """Return the first cell and the end (exclusive) along each axis of every row of True cells, shape (n, 3, 2).
+
+    `along`: number of the axis of the rows.
+    """
+    flips = np.diff(mask.astype(np.int8), axis=along, prepend=0, append=0)
+    rest = [number for number in range(3) if number != along]
+    starts, ends = (np.argwhere(np.transpose(flips == step, (*rest, along))) for step in (1, -1))
+    index = np.empty((len(starts), 3, 2), dtype=np.int64)
+    for place, number in enumerate(rest):
+        index[:, number] = starts[:, place, np.newaxis] + [0, 1]
+    index[:, along, 0], index[:, along, 1] = starts[:, 2], ends[:, 2]
+    return index
+
+
+def _rectangles(
+    index: NDArray[np.int64], edges: Sequence[NDArray[np.float64]], axis: int, sign: int
+) -> NDArray[np.float64]:
+    """Return the corners (n, 4, 3) of rectangles normal to an axis, anticlockwise seen from the air.
+
+    `index` (n, 3, 2): first and last border along each axis; `edges`: borders of the cells along each axis; `sign`: 1
+    if the air lies above.
+    """
+    u, v = ((axis + 1) % 3, (axis + 2) % 3) if sign > 0 else ((axis + 2) % 3, (axis + 1) % 3)
+    corners = np.empty((len(index), 4, 3))
+    corners[:, :, axis] = edges[axis][index[:, axis, 0], np.newaxis]
+    corners[:, :, u] = edges[u][index[:, u]][:, [0, 1, 1, 0]]
+    corners[:, :, v] = edges[v][index[:, v]][:, [0, 0, 1, 1]]
+    return corners
+
+
+def coarse_cells(mask: NDArray[np.bool_], block: int, *, every: bool = False) -> NDArray[np.bool_]:
+    """Return the mask of blocks of cells with a marked cell, or, if `every`, with marked cells only.
+
+    `block`: number of cells along each axis that form one block; blocks at the upper border may be smaller.
+    """
+    if block == 1:
+        return mask
+    combine = np.logical_and if every else np.logical_or
+    for axis in range(mask.ndim):
+        mask = combine.reduceat(mask, np.arange(0, mask.shape[axis], block), axis=axis)
+    return mask
+
+
+def coarse_axis(axis: Axis, block: int) -> Axis:
+    """Return the axis of blocks of `block` cells."""
+    cells = -(-axis.cells // block)
+    return replace(axis, upper=axis.lower + cells * block * axis.spacing, cells=cells)
+
+
+def block_of(axes: Sequence[Axis]) -> int:
+    """Return the number of cells along each axis that are drawn as one."""
+    return -(-max(axis.cells for axis in axes) // _MOST_CELLS)
+
+
+def with_open_sides(solid: NDArray[np.bool_], air: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return the masks of solid cells and of air with one more layer of cells on every side (`wider`).
+
+    The layer is air on sides that few obstacles reach, so that these obstacles have a face there.
+    """
+    solid, air = np.pad(solid, 1), np.pad(air, 1)
+    for axis in range(3):
+        for own, beyond in ((1, 0), (-2, -1)):
+            side = np.take(solid, own, axis=axis)
+            if side[1:-1, 1:-1].mean() < _CLOSED:
+                np.moveaxis(air, axis, 0)[beyond] = True
+    return solid, air
+
+
+def wider(axes: Sequence[Axis]) -> list[Axis]:
+    """Return axes with one more cell at both ends."""
+    return [
+        replace(axis, lower=axis.lower - axis.spacing, upper=axis.upper + axis.spacing, cells=axis.cells + 2)
+        for axis in axes
+    ]

@@ -1,0 +1,191 @@
+"""Parser of OctoMap files (``.bt`` and ``.ot``): the leaves of an octree as cubes.
+
+The formats are those of OctoMap 1.4 and later (A. Hornung et al., Autonomous Robots 34 (2013) 189).  A file is read
+here and not by the OctoMap library, because the library returns a part of the tree for an ``.ot`` file that is cut
+short.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from math import log
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid._internal.files import read_bytes
+from resgrid.core.axis import LARGEST
+from resgrid.errors import InputError
+
+DEPTH = 16
+"""Number of levels of an OctoMap below its root, whose cube has ``2**16`` voxels along every axis."""
+
+MIDDLE = 1 << (DEPTH - 1)
+"""Index, in voxels from the corner of the root's cube, of the origin."""
+
+BINARY, FULL = b"# Octomap OcTree binary file", b"# Octomap OcTree file"
+"""First lines of ``.bt`` and ``.ot`` files."""
+
+_NODE_TYPES = {
+    "OcTree": np.dtype([("value", "<f4"), ("children", "u1")]),
+    "ColorOcTree": np.dtype([("value", "<f4"), ("colour", "u1", (3,)), ("children", "u1")]),
+}
+"""Types of a node in ``.ot`` files by the header's ``id``: log-odds of occupancy, and a bit for every child."""
+
+_FREE, _OCCUPIED, _INNER = 1, 2, 3
+"""Codes of a child in ``.bt`` files; 0 is unknown."""
+
+
+@dataclass(frozen=True, eq=False)
+class Octree:
+    """Leaves of an octree as cubes: lower corner and width, in voxels from the corner of the root's cube.
+
+    `resolution`: width of a voxel in metres; `free` (n, 4), `occupied` (m, 4): known leaves; `inner` (k, 4): lower
+    corner of every inner node and half its width; `missing` (k, 8): children of the inner nodes that do not exist.
+    """
+
+    resolution: float
+    free: NDArray[np.int32]
+    occupied: NDArray[np.int32]
+    inner: NDArray[np.int32]
+    missing: NDArray[np.bool_]
+
+    @cached_property
+    def unknown(self) -> NDArray[np.int32]:
+        """Cubes (l, 4) of missing children, which are unknown space inside the root's cube."""
+        return _child_cubes(self.inner, self.missing)
+
+    @property
+    def bounds(self) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+        """First voxel of the bounding box of all known leaves, and the voxel after its last one, each (3,)."""
+        known = [cubes for cubes in (self.free, self.occupied) if len(cubes)]
+        first = np.min([cubes[:, :3].min(axis=0) for cubes in known], axis=0)
+        return first, np.max([(cubes[:, :3] + cubes[:, 3:]).max(axis=0) for cubes in known], axis=0)
+
+
+def read_octree(path: Path, occupied: float) -> Octree:
+    """Return the leaves of an OctoMap; raise InputError for a file that is missing, damaged, or without leaves.
+
+    `occupied`: probability from which a leaf of an ``.ot`` file is occupied.
+    """
+    data = read_bytes(path)
+    is_binary = data.startswith(BINARY)
+    if not is_binary and not data.startswith(FULL):
+        raise InputError(
+            f"{path}: this is not an OctoMap of version 1.4 or later; give a .bt or .ot file, or convert older files "
+            "with convert_octree"
+        )
+    kind, size, resolution, body = _header(data, path)
+    if is_binary:
+        tree = _binary_leaves(body, size, resolution, path)
+    elif kind in _NODE_TYPES:
+        tree = _full_leaves(body, _NODE_TYPES[kind], size, (log(occupied / (1 - occupied)), resolution), path)
+    else:
+        raise InputError(
+            f"{path}: trees of the kind {kind!r} are unknown; save it as a .bt file, or as one of "
+            f"{', '.join(_NODE_TYPES)}"
+        )
+    if not len(tree.free) and not len(tree.occupied):
+        raise InputError(f"{path}: this OctoMap is empty; check how it was made")
+    return tree
+
+
+def _header(data: bytes, path: Path) -> tuple[str, int, float, bytes]:
+    """Return the kind of tree, number of nodes, width of a voxel in metres, and the bytes after the header.
+
+    The kind is the header's ``id``, such as ``OcTree``.  `data`: content of the file; `path`: name of the file, for
+    messages.
+    """
+    head, mark, body = data.partition(b"\ndata\n")
+    lines = [line.split(maxsplit=1) for line in head.decode("latin-1").split("\n") if not line.startswith("#")]
+    entries = {words[0]: words[1].strip() for words in lines if len(words) == 2}
+    try:
+        kind, size, resolution = entries["id"], int(entries["size"]), float(entries["res"])
+    except (KeyError, ValueError):
+        mark = b""
+    if not mark:
+        raise InputError(f"{path}: the header of this OctoMap is incomplete or damaged; save it again")
+    if not 1 / LARGEST < resolution < LARGEST:
+        raise InputError(f"{path}: the resolution of this OctoMap is {resolution}; it must be a length above 0")
+    return kind, size, resolution, body
+
+
+def _binary_leaves(body: bytes, size: int, resolution: float, path: Path) -> Octree:
+    """Return the leaves of a ``.bt`` file: two bits for every child of every inner node, in depth-first order.
+
+    `body`: bytes after the header; `size`: number of nodes according to the header; `resolution`: width of a voxel in
+    metres.
+    """
+    words = np.frombuffer(body[: len(body) // 2 * 2], "<u2")
+    stream = words.tolist()
+    inner_children = {
+        word: [child for child in reversed(range(8)) if word >> 2 * child & 3 == _INNER] for word in set(stream)
+    }
+    corners: list[tuple[int, int, int, int]] = []
+    stack = [(0, 0, 0, MIDDLE)] if size else []
+    while stack:
+        x, y, z, half = node = stack.pop()
+        if len(corners) == len(stream) or not half:
+            raise _damaged(path)
+        children = inner_children[stream[len(corners)]]
+        corners.append(node)
+        for child in children:
+            stack.append((x + half * (child & 1), y + half * (child >> 1 & 1), z + half * (child >> 2), half >> 1))
+    inner = np.array(corners, dtype=np.int32).reshape(-1, 4)
+    codes = words[: len(inner), np.newaxis] >> 2 * np.arange(8, dtype=np.uint16) & 3
+    if size and size != 1 + int(np.count_nonzero(codes)):
+        raise _damaged(path)
+    free, occupied = (_child_cubes(inner, codes == code) for code in (_FREE, _OCCUPIED))
+    return Octree(resolution, free, occupied, inner, codes == 0)
+
+
+def _full_leaves(body: bytes, dtype: np.dtype[np.void], size: int, scale: tuple[float, float], path: Path) -> Octree:
+    """Return the leaves of an ``.ot`` file: value and bits of existing children of every node, in depth-first order.
+
+    `body`: bytes after the header; `dtype`: type of a node; `size`: number of nodes according to the header; `scale`:
+    log-odds from which a leaf is occupied, and width of a voxel in metres.
+    """
+    threshold, resolution = scale
+    if size < 0 or len(body) < size * dtype.itemsize:
+        raise _damaged(path)
+    nodes = np.frombuffer(body[: size * dtype.itemsize], dtype)
+    present = nodes["children"].tolist()
+    children_of = [[child for child in reversed(range(8)) if bits >> child & 1] for bits in range(256)]
+    corners: list[tuple[int, int, int, int]] = []
+    stack = [(0, 0, 0, 2 * MIDDLE)] if size else []
+    while stack:
+        x, y, z, width = node = stack.pop()
+        if len(corners) == size or not width:
+            raise _damaged(path)
+        children = children_of[present[len(corners)]]
+        corners.append(node)
+        half = width >> 1
+        for child in children:
+            stack.append((x + half * (child & 1), y + half * (child >> 1 & 1), z + half * (child >> 2), half))
+    if len(corners) != size:
+        raise _damaged(path)
+    cubes = np.array(corners, dtype=np.int32).reshape(-1, 4)
+    is_leaf = nodes["children"] == 0
+    if not np.isfinite(nodes["value"][is_leaf]).all():
+        raise _damaged(path)
+    is_occupied = nodes["value"] >= threshold
+    inner = cubes[~is_leaf] // np.array([1, 1, 1, 2], dtype=np.int32)
+    bits = nodes["children"][~is_leaf, np.newaxis] >> np.arange(8, dtype=np.uint8) & 1
+    return Octree(resolution, cubes[is_leaf & ~is_occupied], cubes[is_leaf & is_occupied], inner, bits == 0)
+
+
+def _child_cubes(inner: NDArray[np.int32], which: NDArray[np.bool_]) -> NDArray[np.int32]:
+    """Return the cubes (n, 4) of marked children of inner nodes.
+
+    `inner` (m, 4): lower corner of every inner node and half its width; `which` (m, 8): marked children.
+    """
+    node, child = np.nonzero(which)
+    cubes = inner[node]
+    cubes[:, :3] += cubes[:, 3:] * (child[:, np.newaxis].astype(np.int32) >> np.arange(3, dtype=np.int32) & 1)
+    return cubes
+
+
+def _damaged(path: Path) -> InputError:
+    return InputError(f"{path}: this OctoMap is cut short or damaged: its nodes do not form a tree; copy it again")

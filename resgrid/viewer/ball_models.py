@@ -1,0 +1,90 @@
+"""Balls, and the surface of the obstacles of a voxel world, in a scene of viser."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid._internal.colours import GOAL, SURFACE
+from resgrid.core.cell import Cell
+from resgrid.core.space import ConfigurationSpace
+from resgrid.robots.voxel_surfaces import (
+    Faces,
+    block_of,
+    coarse_axis,
+    coarse_cells,
+    faces_between,
+    wider,
+    with_open_sides,
+)
+
+if TYPE_CHECKING:
+    import viser
+
+Colour = tuple[int, int, int]
+
+ROBOT_BALL: Colour = (230, 159, 0)
+"""Colour of the moving ball."""
+
+_BANDS = 24
+"""Number of colours of the obstacles by their height."""
+
+
+class BallModel:
+    """A ball in a scene of viser, which can be moved; `name`: name of its node."""
+
+    def __init__(self, server: viser.ViserServer, name: str, radius: float, colour: Colour) -> None:
+        self._ball = server.scene.add_icosphere(f"/{name}", radius=radius, color=colour)
+
+    def move(self, pose: NDArray[np.float64]) -> None:
+        """Show the ball at a place `pose` (3,)."""
+        self._ball.position = pose
+
+    def show(self, visible: bool) -> None:
+        """Show or hide the ball."""
+        self._ball.visible = visible
+
+
+def add_voxels(server: viser.ViserServer, space: ConfigurationSpace) -> None:
+    """Add the surface of the obstacles around the space that is connected to a goal, coloured by height.
+
+    Faces are visible from the front only, so that the camera looks into closed rooms.
+    """
+    block = block_of(space.axes)
+    axes = [coarse_axis(axis, block) for axis in space.axes]
+    solid = coarse_cells(space.cell == Cell.OBSTACLE, block)
+    air = coarse_cells(space.goal_connected | (space.cell == Cell.GOAL), block) & ~solid
+    faces = faces_between(*with_open_sides(solid, air), wider(axes), merge=True)
+    low, high = axes[2].lower, axes[2].upper
+    height = (faces.corners[:, :, 2].mean(axis=1) - low) / (high - low)
+    band = np.clip((height * _BANDS).astype(int), 0, _BANDS - 1)
+    for number in np.unique(band).tolist():
+        own = band == number
+        _add_faces(server, f"/obstacles/{number}", Faces(faces.corners[own], faces.plane[own]), _tint(number))
+    goal = np.pad(coarse_cells(space.cell == Cell.GOAL, block), 1)
+    red, green, blue = bytes.fromhex(GOAL.lstrip("#"))
+    _add_faces(server, "/goals", faces_between(goal, ~goal, wider(axes), merge=True), (red, green, blue), 0.5)
+
+
+def _add_faces(
+    server: viser.ViserServer, name: str, faces: Faces, colour: Colour, opacity: float | None = None
+) -> None:
+    """Add faces to a scene of viser; `name`: name of their node."""
+    if not len(faces.corners):
+        return
+    first = 4 * np.arange(len(faces.corners))[:, np.newaxis]
+    triangles = np.concatenate([first + np.array(corners) for corners in ((0, 1, 2), (0, 2, 3))]).astype(np.int32)
+    points = faces.corners.reshape(-1, 3).astype(np.float32)
+    server.scene.add_mesh_simple(
+        name, points, triangles, color=colour, opacity=opacity, side="front", flat_shading=True, receive_shadow=False
+    )
+
+
+def _tint(band: int) -> Colour:
+    """Return the colour of obstacles at a height; `band`: number of the band of heights."""
+    stops = np.array([list(bytes.fromhex(colour.lstrip("#"))) for colour in SURFACE], dtype=np.float64)
+    place = (band + 0.5) / _BANDS * (len(stops) - 1)
+    red, green, blue = (round(float(np.interp(place, np.arange(len(stops)), part))) for part in stops.T)
+    return red, green, blue
