@@ -1,8 +1,12 @@
-"""Public names of `resgrid.circuit`."""
-
 from .batch import solve_many as solve_many
+from .effective_resistance import (
+    EffectiveResistance as EffectiveResistance,
+    ReducedNetwork as ReducedNetwork,
+    reduce_network as reduce_network,
+)
 from .linear import CircuitFactor as CircuitFactor
 from .nonlinear import linearize as linearize
+from .pair_currents import PairCurrents as PairCurrents, pair_currents as pair_currents
 from .transients import (
     Transient as Transient,
     TransientStepper as TransientStepper,
