@@ -99,7 +99,7 @@ def reduce_to_groups(
     own = _between_terminals(netlist, terminal, count)
     laplacian, contacts = _inner_network(netlist, group, terminal, count)
     if not contacts.size or not len(contacts.row):
-        return Reduction(own, 2.0 * float(np.finfo(np.float64).eps), "none")
+        return Reduction(own + own.T, 2.0 * float(np.finfo(np.float64).eps), "none")
     with ThreadTeam(threads) as team:
         factor = factor_laplacian(laplacian, method, threads=team)
         del laplacian
@@ -231,45 +231,36 @@ def resistances_between(conductance: NDArray[np.float64]) -> NDArray[np.float64]
 
 def _within(network: NDArray[np.float64], nodes: NDArray[np.int64], out: NDArray[np.float64]) -> None:
     """Write the resistances between all nodes of a network; `nodes` (k,): their rows in the array `out`."""
+    from resgrid.circuit.resistance_kernels import without_nodes
+
     count = len(nodes)
     if count <= _LEAF:
         _write_small(network, 0, nodes, out)
         return
-    half = count // 2
-    first, second = np.arange(half), np.arange(half, count)
-    _within(_without(network, first, second), nodes[:half], out)
-    _within(_without(network, second, first), nodes[half:], out)
+    half, order = count // 2, np.arange(count)
+    _within(without_nodes(network, order, half), nodes[:half], out)
+    _within(without_nodes(network, np.roll(order, -half), count - half), nodes[half:], out)
     _across(network, half, nodes, out)
 
 
 def _across(network: NDArray[np.float64], half: int, nodes: NDArray[np.int64], out: NDArray[np.float64]) -> None:
-    """Write the resistances between the first `half` nodes of a network and the others."""
+    """Write the resistances between the first `half` nodes of a network and the others.
+
+    Each half of the larger side is eliminated in turn.
+    """
+    from resgrid.circuit.resistance_kernels import without_nodes
+
     count = len(nodes)
     if count <= _LEAF:
         _write_small(network, half, nodes, out)
         return
-    first, second = np.array_split(np.arange(half), 2), np.array_split(np.arange(half, count), 2)
-    if half > 1:
-        for kept, left_out in (first, first[::-1]):
-            order = np.concatenate([kept, *second])
-            _across(_without(network, order, left_out), len(kept), nodes[order], out)
-        return
-    for kept, left_out in (second, second[::-1]):
-        order = np.concatenate([np.arange(half), kept])
-        _across(_without(network, order, left_out), half, nodes[order], out)
-
-
-def _without(
-    network: NDArray[np.float64], kept: NDArray[np.int64], left_out: NDArray[np.int64]
-) -> NDArray[np.float64]:
-    """Return the symmetric network of the nodes `kept` after the elimination of the nodes `left_out`."""
-    from resgrid.circuit.resistance_kernels import eliminate_nodes
-
-    order = np.concatenate([kept, left_out])
-    work = network[np.ix_(order, order)]
-    eliminate_nodes(work, len(kept))
-    lower = np.tril(work[: len(kept), : len(kept)], -1)
-    return np.asarray(lower + lower.T)
+    order, splits_first = np.arange(count), 2 * half > count
+    begin, end = (0, half) if splits_first else (half, count)
+    middle = (begin + end) // 2
+    for left_out in (slice(middle, end), slice(begin, middle)):
+        kept = np.delete(order, left_out)
+        reduced = without_nodes(network, np.concatenate([kept, order[left_out]]), len(kept))
+        _across(reduced, half - (left_out.stop - left_out.start) * splits_first, nodes[kept], out)
 
 
 def _write_small(network: NDArray[np.float64], half: int, nodes: NDArray[np.int64], out: NDArray[np.float64]) -> None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from resgrid._internal.jit import inlined, kernel
-from resgrid.solvers.scaled import Floats
+from resgrid.solvers.scaled import Floats, Integers
 
 
 @inlined
@@ -29,10 +31,23 @@ def _eliminate_last(network: Floats, node: int) -> None:
 
 
 @kernel
-def eliminate_nodes(network: Floats, kept: int) -> None:
-    """Eliminate all nodes from number `kept` on, in place; `network` (k, k): conductances below the diagonal."""
-    for node in range(len(network) - 1, kept - 1, -1):
-        _eliminate_last(network, node)
+def without_nodes(network: Floats, order: Integers, kept: int) -> Floats:
+    """Return the symmetric conductances (kept, kept) of a network after the elimination of some of its nodes.
+
+    `network` (k, k): symmetric conductances; `order` (m,): different nodes of the network; the first `kept` ones stay.
+    """
+    count = len(order)
+    work = np.empty((count, count))
+    for i in range(count):
+        for j in range(i):
+            work[i, j] = network[order[i], order[j]]
+    for node in range(count - 1, kept - 1, -1):
+        _eliminate_last(work, node)
+    reduced = np.zeros((kept, kept))
+    for i in range(kept):
+        for j in range(i):
+            reduced[i, j] = reduced[j, i] = work[i, j]
+    return reduced
 
 
 @kernel
