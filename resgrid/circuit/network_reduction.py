@@ -29,7 +29,7 @@ from resgrid.circuit.equations import sum_by_row
 from resgrid.circuit.terminals import Nodes
 from resgrid.core.netlist import Netlist
 from resgrid.errors import AccuracyError
-from resgrid.solvers.factors import Factor
+from resgrid.solvers.factors import EXACT_ROWS, Factor, factor_direct
 from resgrid.solvers.laplacian import EdgeList, Grid, Laplacian, Rails
 from resgrid.solvers.method_choice import factor_laplacian
 from resgrid.solvers.progress import ProgressMonitor
@@ -42,6 +42,9 @@ Count = Callable[[int, int], None]
 _ROUNDINGS = 8.0 * np.finfo(np.float64).eps
 """Relative error of the conductances when one node is eliminated, or one sum of currents is computed."""
 
+_MANY_SOLVES, _MOST_FILL = 8, 120.0
+"""Number of right-hand sides from which factors are preferred to iterations, and their largest entries per row."""
+
 _LEAF = 16
 """Number of nodes of a network up to which the resistance of every pair is computed by an elimination of its own."""
 
@@ -50,14 +53,14 @@ class Contacts(NamedTuple):
     """Resistors between inner nodes and terminals.
 
     `row`, `terminal` (c,): row of the inner node, and number of the terminal; `conductance` (c,): in siemens; `size`,
-    `count`: numbers of rows and of terminals.
+    `terminals`: numbers of rows and of terminals.
     """
 
     row: NDArray[np.int32]
     terminal: NDArray[np.int32]
     conductance: NDArray[np.float64]
     size: int
-    count: int
+    terminals: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,9 +93,7 @@ def reduce_to_groups(
     the terminals; `progress`: called after every terminal.
     """
     count = len(terminals)
-    require_memory(
-        40.0 * count**2, f"the conductances between {count:,} terminals", "choose fewer terminals at a time"
-    )
+    require_memory(40.0 * count**2, f"the conductances between {count:,} terminals", "choose fewer terminals at a time")
     terminal_of = np.full(int(group.max()) + 1, -1, dtype=np.int32)
     terminal_of[terminals] = np.arange(count, dtype=np.int32)
     terminal = terminal_of[group]
@@ -101,7 +102,7 @@ def reduce_to_groups(
     if not contacts.size or not len(contacts.row):
         return Reduction(own + own.T, 2.0 * float(np.finfo(np.float64).eps), "none")
     with ThreadTeam(threads) as team:
-        factor = factor_laplacian(laplacian, method, threads=team)
+        factor = _factor(laplacian, method, count - 1, team)
         del laplacian
         shared, error, backward = (factor, contacts), 0.0, 0.0
         part = JobPart(_currents_of, shared, range(count - 1), "terminals")
@@ -118,6 +119,25 @@ def reduce_to_groups(
         )
     upper = np.triu(own, 1)
     return Reduction(upper + upper.T, error + _ROUNDINGS, factor.name)
+
+
+def _factor(laplacian: Laplacian, method: str, solves: int, team: ThreadTeam) -> Factor:
+    """Return the factors of a matrix for several right-hand sides.
+
+    `method`: ``"auto"``, ``"direct"`` or ``"multigrid"``; `solves`: number of right-hand sides: for many of them,
+    ``"auto"`` chooses the direct method, which repeats only its substitutions, unless its factors have many entries;
+    `team`: threads.
+    """
+    from resgrid.solvers.symbolic import order_by_fill
+
+    if method == "auto" and solves >= _MANY_SOLVES:
+        laplacian = laplacian.with_rows()
+        order = order_by_fill(laplacian, _MOST_FILL * laplacian.size)
+        if order is not None:
+            needed = 8.0 * (order.entries + len(order.nodes.rows)) + 500.0 * laplacian.size
+            require_memory(needed, f"the factors for {laplacian.size:,} unknowns", "use method = 'multigrid'")
+            return factor_direct(laplacian, order)
+    return factor_laplacian(laplacian, method, threads=team)
 
 
 def _between_terminals(netlist: Netlist, terminal: NDArray[np.int32], count: int) -> NDArray[np.float64]:
@@ -186,9 +206,7 @@ def _reached(netlist: Netlist, group: Nodes, terminal: NDArray[np.int32]) -> NDA
     return np.asarray(touched[part[group]])
 
 
-def _currents_of(
-    shared: tuple[Factor, Contacts], numbers: range
-) -> list[tuple[NDArray[np.float64], float, float]]:
+def _currents_of(shared: tuple[Factor, Contacts], numbers: range) -> list[tuple[NDArray[np.float64], float, float]]:
     """Return for every terminal at 1 V, with all others at 0 V: currents into the others through inner nodes.
 
     `shared`: factors of the matrix of the inner nodes, and contacts; `numbers`: numbers of the terminals.  Each result
@@ -200,13 +218,16 @@ def _currents_of(
     for number in numbers:
         own = contacts.terminal == number
         if not own.any():
-            results.append((np.zeros(contacts.count), 0.0, 0.0))
+            results.append((np.zeros(contacts.terminals), 0.0, 0.0))
             continue
         watch = ProgressMonitor()
         rhs = sum_by_row(contacts.row[own], contacts.conductance[own], contacts.size)
         x, _ = factor.solve_nonnegative(rhs, watch=watch)
-        amps = sum_by_row(contacts.terminal, contacts.conductance * x.plain[contacts.row], contacts.count)
-        results.append((amps, watch.bound, watch.error))
+        amps = sum_by_row(contacts.terminal, contacts.conductance * x.plain[contacts.row], contacts.terminals)
+        bound = watch.bound
+        if contacts.size <= EXACT_ROWS:  # refinement never moves entries by more than this bound
+            bound = min(bound, 4.0 * factor.substitution_bound())
+        results.append((amps, bound, watch.error))
     return results
 
 

@@ -147,11 +147,8 @@ def currents_between_groups(
     point = solve_linear(driven, accuracy="direction", method=method, rtol=1e-10, threads=threads)
     ends = group[netlist.resistor_nodes]
     current = np.where(ends[:, 0] == ends[:, 1], 0.0, point.resistor_current)
-    into = np.bincount(ends[:, 1], np.maximum(current, 0.0), int(group.max()) + 1)
-    into += np.bincount(ends[:, 0], np.maximum(-current, 0.0), len(into))
-    out = np.bincount(ends[:, 0], np.maximum(current, 0.0), len(into))
-    out += np.bincount(ends[:, 1], np.maximum(-current, 0.0), len(into))
-    total = float(out[high])
+    through = through_nodes(ends, current, int(group.max()) + 1)
+    total = float(through[high])
     if not total > 0.0:
         names = [netlist.node_name(int(np.flatnonzero(group == number)[0])) for number in (high, low)]
         raise CircuitError(
@@ -166,9 +163,20 @@ def currents_between_groups(
         power=amps * amps / total,
         voltage=point.voltage[place] * scale,
         resistor_current=current * scale,
-        node_current=np.maximum(into, out)[group] * scale,
+        node_current=through[group] * scale,
         point=point,
     )
+
+
+def through_nodes(ends: NDArray[Any], current: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+    """Return the larger of the currents into every node and out of it, in amperes, (count,).
+
+    `ends` (m, 2): nodes of the resistors; `current` (m,): current from the first node to the second.
+    """
+    forward, backward = np.maximum(current, 0.0), np.maximum(-current, 0.0)
+    out = np.bincount(ends[:, 0], forward, count) + np.bincount(ends[:, 1], backward, count)
+    into = np.bincount(ends[:, 1], forward, count) + np.bincount(ends[:, 0], backward, count)
+    return np.asarray(np.maximum(into, out), dtype=np.float64)
 
 
 def _driven(netlist: Netlist, group: Nodes, high: int, low: int) -> tuple[Netlist, Nodes]:
@@ -185,14 +193,11 @@ def _driven(netlist: Netlist, group: Nodes, high: int, low: int) -> tuple[Netlis
     first = first_of[group]
     held = np.flatnonzero((group == high) | ((group == low) & (np.arange(count) != root)))
     inner = np.flatnonzero((group != high) & (group != low) & (first != np.arange(count)))
-    ends = np.concatenate([
-        np.stack([place[held], np.full(len(held), GROUND)], axis=1), np.stack([place[inner], place[first[inner]]], axis=1)
-    ])  # fmt: skip
+    to_rails = np.stack([place[held], np.full(len(held), GROUND)], axis=1)
+    ends = np.concatenate([to_rails, np.stack([place[inner], place[first[inner]]], axis=1)])
     volts = np.concatenate([(group[held] == high).astype(np.float64), np.zeros(len(inner))])
     cell_map = netlist.cell_map
     if cell_map is not None and root != GROUND:
         node = np.where(cell_map.node >= 0, place[cell_map.node], -1).astype(np.int32)
         cell_map = replace(cell_map, node=node, free_node=place[cell_map.free_node].astype(np.int32))
-    return Netlist(
-        count, place[netlist.resistor_nodes], netlist.conductance, ends, volts, cell_map=cell_map
-    ), place
+    return Netlist(count, place[netlist.resistor_nodes], netlist.conductance, ends, volts, cell_map=cell_map), place

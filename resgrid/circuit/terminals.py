@@ -49,7 +49,7 @@ class TerminalReader:
                 raise InputError(
                     f"a mask of nodes has shape {terminal.shape}; give one entry per node: ({self.netlist.node_count},)"
                 )
-            return np.flatnonzero(terminal)  # type: ignore[return-value]
+            return np.flatnonzero(terminal)
         if isinstance(terminal, str) or is_whole(terminal):
             return [self._node(terminal)]
         if not isinstance(terminal, Sequence | set | frozenset | np.ndarray):
@@ -76,7 +76,7 @@ class TerminalReader:
             if terminal.shape != shape:
                 raise InputError(f"a mask of cells has shape {terminal.shape}; the space has shape {shape}")
             inside = node[terminal]
-            return inside[inside >= 0]  # type: ignore[no-any-return]
+            return inside[inside >= 0]
         cells = [terminal] if isinstance(terminal, tuple) and all(map(is_whole, terminal)) else terminal
         if not isinstance(cells, Sequence | np.ndarray) or isinstance(cells, str):
             raise InputError(f"the terminal {terminal!r} is not a cell, such as (3, 5), a list of cells or a mask")

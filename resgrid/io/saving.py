@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from resgrid._internal.validation import check_call, with_article
+from resgrid.circuit.effective_resistance import EffectiveResistance
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.control.run_log import Run
 from resgrid.core.netlist import Netlist
@@ -16,6 +17,7 @@ from resgrid.errors import InputError
 from resgrid.io.leg_paths import write_leg_path
 from resgrid.io.networks import write_network
 from resgrid.io.paths import write_path
+from resgrid.io.resistances import write_resistances
 from resgrid.io.runs import write_run
 from resgrid.io.solutions import write_solution
 from resgrid.planning.fields import Field
@@ -29,9 +31,10 @@ def save(value: object, file: str | os.PathLike[str], **options: Any) -> Path:
 
     Parameters
     ----------
-    value : Streamline, ShortPath, Polyline, Trajectory, LegPath, Run, sequence of Run, OperatingPoint, Field or Netlist
-        A path: its points in continuous world coordinates, with times if it has some, and the tip of an arm.  A run:
-        every step.  An operating point or a field: potentials and currents.  A netlist: its elements.
+    value : Streamline, ShortPath, Polyline, Trajectory, LegPath, Run, sequence of Run, OperatingPoint, Field, ...
+        Also a Netlist or an EffectiveResistance.  A path: its points in continuous world coordinates, with times if it
+        has some, and the tip of an arm.  A run: every step.  An operating point or a field:
+        potentials and currents.  A netlist: its elements.  Effective resistances: their pairs.
     file : path-like
         ``-`` is standard output.  By type of value:
 
@@ -41,6 +44,7 @@ def save(value: object, file: str | os.PathLike[str], **options: Any) -> Path:
         run, runs              ``.csv``, ``.json``, ``.npz``
         field, solved space    ``.npz``: ``potential``, ``log_drop``, ``cell``, perhaps ``safe``
         other operating point  ``.csv``, ``.json``, ``.npz``, ``.raw`` (for waveform viewers)
+        resistances            ``.csv``, ``.json``, ``.npz``
         netlist                ``.txt`` (edge list), ``.graphml``, ``.json`` (node-link), ``.npz``
         =====================  ==========================================================================
     **options
@@ -84,7 +88,7 @@ def _save(value: object, file: str | os.PathLike[str]) -> Path:
         return write_run(value, file)
     raise InputError(
         f"{with_article(type(value).__name__)} has no file format; save takes a path, a run or runs, an operating "
-        "point, a field or a netlist (a deck: rg.write_spice; a picture: rg.draw)"
+        "point, a field, a netlist or effective resistances (a deck: rg.write_spice; a picture: rg.draw)"
     )
 
 
@@ -95,3 +99,4 @@ _save.register(OperatingPoint, write_solution)
 _save.register(Field, write_solution)
 _save.register(Run, write_run)
 _save.register(Netlist, write_network)
+_save.register(EffectiveResistance, write_resistances)
