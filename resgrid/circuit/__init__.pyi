@@ -6,7 +6,7 @@ from .effective_resistance import (
 )
 from .linear import CircuitFactor as CircuitFactor
 from .nonlinear import linearize as linearize
-from .pair_currents import PairCurrents as PairCurrents, pair_currents as pair_currents
+from .driven_pairs import PairCurrents as PairCurrents, pair_currents as pair_currents
 from .transients import (
     Transient as Transient,
     TransientStepper as TransientStepper,

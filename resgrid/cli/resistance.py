@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from functools import partial
 from pathlib import Path
@@ -123,7 +124,9 @@ def _lines(data: dict[str, Any]) -> Iterable[str]:
         yield f"{ends:{width}}  " + (f"{pair['resistance']:.10g} ohm" if pair["connected"] else "not connected")
     if len(pairs) > _MOST_LINES:
         yield f"and {len(pairs) - _MOST_LINES:,} more pairs; -o FILE.csv writes all"
-    yield f"relative error at most {data['relative_error']:.1e}, {data['solver']} method"
+    error = data["relative_error"]
+    bound = f"relative error at most {error:.1e}" if math.isfinite(error) else "no proved bound on the relative error"
+    yield f"{bound}; method: {data['solver']}"
 
 
 def is_circuitscape_job(file: str) -> bool:

@@ -130,10 +130,10 @@ def test_a_grid_has_its_exact_rational_resistances() -> None:
 
 
 def test_neighbours_on_a_wide_grid_approach_those_of_the_infinite_lattice() -> None:
-    side = 161
+    side = 81
     middle = side * (side // 2) + side // 2
     found = rg.effective_resistance(grid(side, side), [(middle, middle + 1), (middle, middle + side + 1)])
-    np.testing.assert_allclose(found.resistance, [1 / 2, 2 / np.pi], atol=1e-4)
+    np.testing.assert_allclose(found.resistance, [1 / 2, 2 / np.pi], atol=3e-4)
 
 
 def test_foster_and_rayleigh() -> None:

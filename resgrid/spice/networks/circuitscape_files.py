@@ -192,4 +192,4 @@ def grid_text(cells: NDArray[np.float64], place: Raster) -> str:
         "NODATA_value": number_text(NODATA),
     }  # fmt: skip
     head = "".join(f"{key:13} {value}\n" for key, value in header.items())
-    return head + table_text(np.round(cells, _DECIMALS), " ")
+    return head + table_text(np.round(cells, _DECIMALS) + 0.0, " ")  # + 0.0 removes the sign of -0.0

@@ -29,7 +29,7 @@ from resgrid._internal.values import frozen
 from resgrid.circuit.effective_resistance import effective_resistance
 from resgrid.circuit.linear import solve_linear
 from resgrid.circuit.network_reduction import Count
-from resgrid.circuit.pair_currents import currents_between_groups, through_nodes
+from resgrid.circuit.driven_pairs import currents_between_groups, through_nodes
 from resgrid.core.netlist import GROUND, Netlist
 from resgrid.core.regions import label_components
 from resgrid.errors import InputError
@@ -73,12 +73,15 @@ class ConnectivityResult:
 
     Examples
     --------
-    >>> _ = Path("habitat.asc").write_text("ncols 3\nnrows 1\nxllcorner 0\nyllcorner 0\ncellsize 1\n1 1 3\n")
-    >>> _ = Path("points.txt").write_text("1 0.5 0.5\n2 2.5 0.5\n")
-    >>> _ = Path("job.ini").write_text(
-    ...     "scenario = pairwise\nhabitat_file = habitat.asc\nhabitat_map_is_resistances = True\n"
-    ...     "connect_using_avg_resistances = True\npoint_file = points.txt\noutput_file = job.out\n"
-    ... )
+    >>> with open("habitat.asc", "w") as file:
+    ...     _ = file.write("ncols 3\nnrows 1\nxllcorner 0\nyllcorner 0\ncellsize 1\n1 1 3\n")
+    >>> with open("points.txt", "w") as file:
+    ...     _ = file.write("1 0.5 0.5\n2 2.5 0.5\n")
+    >>> with open("job.ini", "w") as file:
+    ...     _ = file.write(
+    ...         "scenario = pairwise\nhabitat_file = habitat.asc\nhabitat_map_is_resistances = True\n"
+    ...         "connect_using_avg_resistances = True\npoint_file = points.txt\noutput_file = job.out\n"
+    ...     )
     >>> rg.spice.run_circuitscape("job.ini").resistance.round(9)
     array([[0., 3.],
            [3., 0.]])
@@ -203,12 +206,15 @@ def run_circuitscape(
 
     Examples
     --------
-    >>> _ = Path("graph.txt").write_text("0 1 2.0\n1 2 4.0\n")
-    >>> _ = Path("nodes.txt").write_text("0\n2\n")
-    >>> _ = Path("net.ini").write_text(
-    ...     "data_type = network\nscenario = pairwise\nhabitat_file = graph.txt\npoint_file = nodes.txt\n"
-    ...     "output_file = net.out\n"
-    ... )
+    >>> with open("graph.txt", "w") as file:
+    ...     _ = file.write("0 1 2.0\n1 2 4.0\n")
+    >>> with open("nodes.txt", "w") as file:
+    ...     _ = file.write("0\n2\n")
+    >>> with open("net.ini", "w") as file:
+    ...     _ = file.write(
+    ...         "data_type = network\nscenario = pairwise\nhabitat_file = graph.txt\npoint_file = nodes.txt\n"
+    ...         "output_file = net.out\n"
+    ...     )
     >>> job = rg.spice.run_circuitscape("net.ini")
     >>> float(job.resistance[0, 1]), [file.name for file in job.files]
     (6.0, ['net_resistances.out', 'net_resistances_3columns.out'])
