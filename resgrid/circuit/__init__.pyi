@@ -1,4 +1,5 @@
 from .batch import solve_many as solve_many
+from .driven_pairs import PairCurrents as PairCurrents, pair_currents as pair_currents
 from .effective_resistance import (
     EffectiveResistance as EffectiveResistance,
     ReducedNetwork as ReducedNetwork,
@@ -6,7 +7,6 @@ from .effective_resistance import (
 )
 from .linear import CircuitFactor as CircuitFactor
 from .nonlinear import linearize as linearize
-from .driven_pairs import PairCurrents as PairCurrents, pair_currents as pair_currents
 from .transients import (
     Transient as Transient,
     TransientStepper as TransientStepper,

@@ -200,4 +200,11 @@ def _driven(netlist: Netlist, group: Nodes, high: int, low: int) -> tuple[Netlis
     if cell_map is not None and root != GROUND:
         node = np.where(cell_map.node >= 0, place[cell_map.node], -1).astype(np.int32)
         cell_map = replace(cell_map, node=node, free_node=place[cell_map.free_node].astype(np.int32))
-    return Netlist(count, place[netlist.resistor_nodes], netlist.conductance, ends, volts, cell_map=cell_map), place
+    return Netlist(
+        count,
+        place[netlist.resistor_nodes].astype(np.int32),
+        netlist.conductance,
+        ends.astype(np.int32),
+        volts,
+        cell_map=cell_map,
+    ), place

@@ -59,7 +59,7 @@ def matrix_of(
                 if not (r + dr < rows and 0 <= c + dc < columns) or (dr and dc and not diagonals):
                     continue
                 a, b = habitat[r, c], habitat[r + dr, c + dc]
-                if a == EMPTY or b == EMPTY:
+                if EMPTY in (a, b):
                     continue
                 siemens = 2 / (a + b) if mean_resistance else (1 / a + 1 / b) / 2
                 siemens /= np.hypot(dr, dc)
@@ -217,7 +217,7 @@ def test_files_have_the_numbers_and_columns_of_circuitscape() -> None:
     from resgrid.spice.networks.circuitscape_files import number_text
 
     numbers = [1.0, 1e5, 1e6, 123456789.0, 1e-4, 1e-5, 2.5e-7, -9999.0, 0.0, 1.25e20]
-    words = "1.0 100000.0 1.0e6 1.23456789e8 0.0001 1.0e-5 2.5e-7 -9999.0 0.0 1.25e20".split()
+    words = ["1.0", "100000.0", "1.0e6", "1.23456789e8", "0.0001", "1.0e-5", "2.5e-7", "-9999.0", "0.0", "1.25e20"]
     assert [number_text(number) for number in numbers] == words
 
 
