@@ -46,9 +46,9 @@ def command(
     """Compute effective resistances between places of SCENE, or between nodes of DECK, in ohms.
 
     Independent sources are set to zero: a voltage source is a wire, a current source is open. In a scene, rails are
-    such wires; with --boundary neumann obstacles are open. A Circuitscape configuration (.ini) in pairwise, one-to-all
-    or all-to-one mode needs no --between: its files are written to the folder of -o, or to the folder of its
-    output_file. Exits with 1 if a pair is not connected.
+    such wires; with the boundary condition neumann, obstacles are open. A Circuitscape configuration (.ini) in
+    pairwise, one-to-all or all-to-one mode needs no --between: its files are written to the folder of -o, or to that of
+    its key output_file. Exits with 1 if a pair is not connected.
     """
     from resgrid.io.resistances import check_resistance_file, resistance_record, terminal_names
 

@@ -95,8 +95,11 @@ def test_a_circuitscape_job() -> None:
         (["room.toml", "--between", "1,2,3", "4,4"], "--between 1,2,3: a place of this scene has 2 coordinates"),
         (["room.toml", "--cells", "--between", "1.5,2", "4,4"], "give whole numbers"),
         (["job.ini", "--between", "1", "2"], "leave --between out"),
+        (["wrong.ini"], "Circuitscape has no key 'scenari'; did you mean 'scenario'?"),
+        (["missing.ini"], "missing.ini"),
     ],
 )
 def test_rejected_inputs(words: list[str], message: str) -> None:
+    Path("wrong.ini").write_text("scenari = pairwise\n")
     result = call("resistance", *words)
     assert result.exit_code == 2 and message in result.stderr

@@ -137,11 +137,8 @@ class Configuration:
 
 
 def is_connectivity_job(path: str | os.PathLike[str]) -> bool:
-    """Return whether a file is a Circuitscape configuration whose scenario is not ``advanced``."""
-    try:
-        return read_configuration(path).scenario in CONNECTIVITY
-    except InputError:
-        return False
+    """Return whether the scenario of a Circuitscape configuration has focal points, unlike ``advanced``."""
+    return read_configuration(path).scenario in CONNECTIVITY
 
 
 def read_configuration(path: str | os.PathLike[str], root: str | os.PathLike[str] | None = None) -> Configuration:

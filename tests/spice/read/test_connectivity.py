@@ -236,6 +236,7 @@ def test_a_network_job_writes_its_tables() -> None:
     np.testing.assert_allclose(branches[:3], [[0, 1, 0.25], [0, 2, 0.75], [1, 2, 0.25]])
 
 
+@pytest.mark.filterwarnings("ignore::PendingDeprecationWarning")
 def test_geotiff_rasters_give_geotiff_maps() -> None:
     rasterio = pytest.importorskip("rasterio")
     from rasterio.transform import from_origin
