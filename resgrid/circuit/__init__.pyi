@@ -1,6 +1,10 @@
-"""Public names of `resgrid.circuit`."""
-
 from .batch import solve_many as solve_many
+from .driven_pairs import PairCurrents as PairCurrents, pair_currents as pair_currents
+from .effective_resistance import (
+    EffectiveResistance as EffectiveResistance,
+    ReducedNetwork as ReducedNetwork,
+    reduce_network as reduce_network,
+)
 from .linear import CircuitFactor as CircuitFactor
 from .nonlinear import linearize as linearize
 from .transients import (

@@ -100,7 +100,7 @@ def solve(
     ('n_6_2', '0.573718 V')
     """
     _check_options(accuracy, method, rtol, threads, progress)
-    netlist = _netlist_of(netlist)
+    netlist = netlist_of(netlist)
     if netlist.nonlinear_nodes.size:
         from resgrid.circuit.nonlinear import solve_nonlinear
 
@@ -145,7 +145,7 @@ def factorize(netlist: Netlist | CircuitLike, *, method: str = "auto") -> Circui
     >>> factor.solve([0.0, 1e-3]).round(6)
     array([0.333333, 0.666667])
     """
-    netlist = _netlist_of(netlist)
+    netlist = netlist_of(netlist)
     if netlist.nonlinear_nodes.size:
         raise InputError(
             "a netlist with nonlinear resistors cannot be factored; factor rg.circuit.linearize(op), its linearization "
@@ -203,7 +203,7 @@ def normalize_drive(netlist: Netlist, op: OperatingPoint) -> Netlist:
     return netlist.replace(current_amps=netlist.current_amps * factor)
 
 
-def _netlist_of(circuit: Netlist | CircuitLike) -> Netlist:
+def netlist_of(circuit: Netlist | CircuitLike) -> Netlist:
     """Return `circuit`, or the result of its method ``netlist`` if it has one; raise InputError for other objects."""
     make = getattr(circuit, "netlist", None)
     netlist = make() if callable(make) else circuit

@@ -36,6 +36,7 @@ SUBCOMMANDS = {
     "run": "Write paths, pictures and SPICE-checked decks to a folder.",
     "compile": "Write a scene's chip as a SPICE deck.",
     "solve": "Solve a scene's resistor grid, or a resistive deck.",
+    "resistance": "Compute effective resistances, and run Circuitscape jobs.",
     "path": "Compute paths along the current from starts to a goal.",
     "stream": "Plan a path for every map of a recording (a bag).",
     "plot": "Draw a scene, its potential, currents, paths or circuit.",

@@ -139,6 +139,7 @@ def _irregular() -> None:
     _ = rg.solve(netlist, method="multigrid", accuracy="normwise").power
     rg.solve(_netlist(3000), method="direct")
     rg.solve(_netlist(1000, 0.2))
+    rg.effective_resistance(_netlist(1000), terminals=range(1, 40))
 
 
 def _paths() -> None:

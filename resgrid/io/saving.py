@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from resgrid._internal.validation import check_call, with_article
+from resgrid.circuit.effective_resistance import EffectiveResistance
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.control.run_log import Run
 from resgrid.core.netlist import Netlist
@@ -20,6 +21,7 @@ from resgrid.hardware.layout_files import write_layout
 from resgrid.io.leg_paths import write_leg_path
 from resgrid.io.networks import write_network
 from resgrid.io.paths import write_path
+from resgrid.io.resistances import write_resistances
 from resgrid.io.runs import write_run
 from resgrid.io.solutions import write_solution
 from resgrid.planning.fields import Field
@@ -33,11 +35,11 @@ def save(value: object, file: str | os.PathLike[str], **options: Any) -> Path:
 
     Parameters
     ----------
-    value : Streamline, ShortPath, Polyline, Trajectory, LegPath, Run, OperatingPoint, Field, Netlist, Board, \
-            Layout, or sequence of Run
-        A path: its points in continuous world coordinates, with times if it has some, and the tip of an arm.  A run:
-        every step.  An operating point or a field: potentials and currents.  A netlist: its elements.
-        A board: its KiCad project.  A chip layout: its shapes, and a record of its circuit in ``FILE.record.json``.
+    value : Streamline, ShortPath, Polyline, Trajectory, LegPath, Run, sequence of Run, OperatingPoint, Field, ...
+        Also a Netlist, an EffectiveResistance, a Board or a Layout.  A path: its points in continuous world
+        coordinates, with times if it has some, and the tip of an arm.  A run: every step.  An operating point or a
+        field: potentials and currents.  A netlist: its elements.  Effective resistances: their pairs.  A board: its
+        KiCad project.  A chip layout: its shapes, and a record of its circuit in ``FILE.record.json``.
     file : path-like
         ``-`` is standard output.  By type of value:
 
@@ -48,6 +50,7 @@ def save(value: object, file: str | os.PathLike[str], **options: Any) -> Path:
         field, solved space    ``.npz``: ``potential``, ``log_drop``, ``cell``, perhaps ``safe``
         other operating point  ``.csv``, ``.json``, ``.npz``, ``.raw`` (for waveform viewers)
         board                  a folder with a KiCad project
+        resistances            ``.csv``, ``.json``, ``.npz``
         netlist                ``.txt`` (edge list), ``.graphml``, ``.json`` (node-link), ``.npz``
         layout                 ``.gds`` (GDSII), ``.oas`` (OASIS)
         =====================  ==========================================================================
@@ -93,7 +96,8 @@ def _save(value: object, file: str | os.PathLike[str]) -> Path:
         return write_run(value, file)
     raise InputError(
         f"{with_article(type(value).__name__)} has no file format; save takes a path, a run or runs, an operating "
-        "point, a field, a netlist, a board or a layout (a deck: rg.write_spice; a picture: rg.draw)"
+        "point, a field, a netlist, effective resistances, a board or a layout (a deck: rg.write_spice; a picture: "
+        "rg.draw)"
     )
 
 
@@ -106,3 +110,4 @@ _save.register(Run, write_run)
 _save.register(Netlist, write_network)
 _save.register(Board, save_board)
 _save.register(Layout, write_layout)
+_save.register(EffectiveResistance, write_resistances)

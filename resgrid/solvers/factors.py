@@ -163,6 +163,10 @@ class Factor(ABC):
             watch.done(error)
         return x
 
+    def substitution_bound(self) -> float:
+        """Return a bound on the relative error of every entry of a solution, known before the solve; infinite here."""
+        return np.inf
+
     @abstractmethod
     def _solve(self, rhs: Floats, rtol: float, guess: Floats | None, watch: ProgressMonitor | None) -> Floats:
         """Return the solution (n,) in volts, to a normwise backward error of `rtol`, or raise AccuracyError.
@@ -238,7 +242,7 @@ class DirectFactor(Factor):
         """
         del watch
         factors, exact = self.factors, self.laplacian.size <= EXACT_ROWS
-        bound = self._certainty() if exact else np.inf
+        bound = self.substitution_bound() if exact else np.inf
         return refine(
             self.laplacian,
             rhs,
@@ -248,7 +252,7 @@ class DirectFactor(Factor):
             first_bound=bound,
         )
 
-    def _certainty(self) -> float:
+    def substitution_bound(self) -> float:
         """Return a bound on the relative error of entries after a substitution; infinite if factors may underflow."""
         values = self.factors.values
         least = values.min(initial=1.0, where=values > 0.0)

@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import os
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,8 +25,14 @@ from numpy.typing import NDArray
 from resgrid.core.regions import label_components
 from resgrid.errors import InputError
 from resgrid.spice.networks.configurations import Configuration, read_configuration
-from resgrid.spice.networks.edges import Measure, Network, read_edges
-from resgrid.spice.networks.rasters import read_raster
+from resgrid.spice.networks.edges import Network, read_edges
+from resgrid.spice.networks.raster_networks import (
+    conductance_and_polygons,
+    links_between,
+    number_cells,
+    raster_of,
+    siemens_of,
+)
 
 _POLICIES = {
     "keepall": (False, False),
@@ -121,119 +126,24 @@ def _read_rasters(job: Configuration) -> tuple[Network, NDArray[np.int64]]:
 
     `job`: the configuration.
     """
-    conductance = _habitat(job)
-
-    def raster_of(key: str) -> NDArray[np.float64]:
-        """Return the cells of the raster that the key `key` names, shape (rows, columns).
-
-        Raises InputError unless the raster has the shape of the habitat file.
-        """
-        other = read_raster(job.file(key))
-        if other.shape != conductance.shape:
-            sizes = (f"{rows} x {columns} cells" for rows, columns in (other.shape, conductance.shape))
-            raise InputError(f"{job.file(key)} has {next(sizes)}, but the habitat has {next(sizes)}")
-        return other
-
-    if job.flag("use_mask"):
-        conductance = np.where(raster_of("mask_file") > 0, conductance, 0.0)
-        if not conductance.any():
-            raise InputError(f"{job.file('mask_file')} removes all cells of the habitat; only cells above 0 are kept")
-    polygon = np.zeros(conductance.shape)
-    if job.flag("use_polygons"):
-        polygon = np.nan_to_num(raster_of("polygon_file"))
-        if np.any(polygon != np.rint(polygon)):
-            raise InputError(f"{job.file('polygon_file')}: the number of a polygon is not a whole number")
-    node, names = _number_cells(conductance, polygon)
-    edges, value = _links(
+    conductance, polygon = conductance_and_polygons(job)
+    node, names = number_cells(conductance, polygon)
+    edges, value = links_between(
         conductance,
         node,
         mean_resistance=job.flag("connect_using_avg_resistances"),
         diagonals=not job.flag("connect_four_neighbors_only"),
     )
-    ground = raster_of("ground_file")
+    ground = raster_of(job, "ground_file", conductance.shape)
     if np.any(ground < 0):
         row, column = np.argwhere(ground < 0)[0].tolist()
         place = f"{job.file('ground_file')}: the ground in row {row}, column {column} (from 0)"
         raise InputError(f"{place} has a negative value of {ground[row, column]:g}")
     cells = _values_of_cells(
         job,
-        _siemens(raster_of("source_file"), "conductance"),
-        _siemens(ground, job.measure("ground_file_is_resistances")),
+        siemens_of(raster_of(job, "source_file", conductance.shape), "conductance"),
+        siemens_of(ground, job.measure("ground_file_is_resistances")),
     )
     sums = (np.bincount(node[node >= 0], values[node >= 0], len(names)) for values in cells)
     amps, to_ground = (np.asarray(values, dtype=np.float64) for values in sums)
     return _resolved(job, Network(names, edges, value, amps, to_ground)), node
-
-
-def _habitat(job: Configuration) -> NDArray[np.float64]:
-    """Return the conductance of every cell of the habitat file in S, shape (rows, columns), 0 for an empty cell.
-
-    `job`: the configuration.  Raises InputError for a negative value and for 0 ohm.
-    """
-    path = job.file("habitat_file")
-    habitat, measure = read_raster(path), job.measure("habitat_map_is_resistances")
-    wrong = (habitat < 0) | ((habitat == 0) & (measure == "resistance"))
-    if wrong.any():
-        row, column = np.argwhere(wrong)[0].tolist()
-        raise InputError(
-            f"{path}: the cell in row {row}, column {column} (from 0) has a {measure} of {habitat[row, column]:g}; "
-            "define regions without resistance as short-circuit polygons"
-        )
-    return _siemens(habitat, measure)
-
-
-def _siemens(cells: NDArray[np.float64], measure: Measure) -> NDArray[np.float64]:
-    """Return the conductance of every cell in S, shape (rows, columns); 0 for an empty cell, which is NaN in `cells`.
-
-    `cells` (rows, columns): values of the raster; `measure`: their quantity, "resistance" (in ohms) or "conductance"
-    (S).
-    """
-    with np.errstate(divide="ignore"):
-        return np.where(np.isnan(cells), 0.0, cells if measure == "conductance" else 1.0 / cells)
-
-
-def _number_cells(
-    conductance: NDArray[np.float64], polygon: NDArray[np.float64]
-) -> tuple[NDArray[np.int64], list[str]]:
-    """Return the node number of every cell, (rows, columns), -1 for none, and the names of the nodes, ground first.
-
-    A polygon with a conducting cell is one node, which its empty cells belong to.  `conductance` (rows, columns): in S,
-    0 for an empty cell; `polygon` (rows, columns): number of the cell's polygon, 0 for none.
-    """
-    conducts = conductance > 0
-    cell = np.arange(conductance.size).reshape(conductance.shape)
-    leader = np.where(conducts, cell, -1)
-    for region in np.unique(polygon[(polygon != 0) & conducts]).tolist():
-        members = polygon == region
-        leader[members] = cell[members & conducts].min()
-    leaders, node = np.unique(leader[leader >= 0], return_inverse=True)
-    numbers = np.full(conductance.shape, -1, dtype=np.int64)
-    numbers[leader >= 0] = node + 1
-    columns = conductance.shape[1]
-    return numbers, ["ground", *(f"r{one // columns}_c{one % columns}" for one in leaders.tolist())]
-
-
-def _links(
-    conductance: NDArray[np.float64], node: NDArray[np.int64], *, mean_resistance: bool, diagonals: bool
-) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
-    """Return the resistors between neighbouring cells: nodes, shape (n, 2), and conductances in S, shape (n,).
-
-    `conductance` (rows, columns): of the cells, in S; `node` (rows, columns): node numbers, -1 for none;
-    `mean_resistance`: whether the mean of the resistances is used instead of the mean of the conductances; `diagonals`:
-    whether diagonal neighbours are joined.  An empty cell of a polygon has 0 S; it is joined to a conducting neighbour
-    with the mean of the conductances, but not with the mean of the resistances, which would be infinite.
-    """
-    steps: list[tuple[Any, Any, float]] = [(np.s_[:, :-1], np.s_[:, 1:], 1.0), (np.s_[:-1], np.s_[1:], 1.0)]
-    if diagonals:
-        far = float(np.sqrt(2.0))
-        steps += [(np.s_[:-1, :-1], np.s_[1:, 1:], far), (np.s_[1:, :-1], np.s_[:-1, 1:], far)]
-    pairs: list[NDArray[np.int64]] = []
-    values: list[NDArray[np.float64]] = []
-    for here, there, distance in steps:
-        a, b = node[here].ravel(), node[there].ravel()
-        x, y = conductance[here].ravel(), conductance[there].ravel()
-        joins = (a > 0) & (b > 0) & (a != b) & ((x > 0) & (y > 0) if mean_resistance else (x > 0) | (y > 0))
-        x, y = x[joins], y[joins]
-        pairs.append(np.stack([a[joins], b[joins]], axis=1))
-        values.append((2.0 / (1.0 / x + 1.0 / y) if mean_resistance else (x + y) / 2.0) / distance)
-    return np.concatenate(pairs).astype(np.int32), np.concatenate(values)

@@ -36,22 +36,37 @@ _DEFAULTS = {
     "use_mask": "False",
     "mask_file": "None",
     "use_reclass_table": "False",
+    "point_file": "(Browse for file with locations of focal points or regions)",
+    "use_included_pairs": "False",
+    "included_pairs_file": "(Browse for a file with pairs to include or exclude)",
+    "use_variable_source_strengths": "False",
+    "variable_source_file": "None",
+    "output_file": "(Choose a base name for output files)",
+    "write_cur_maps": "False",
+    "write_volt_maps": "False",
+    "write_cum_cur_map_only": "False",
+    "write_max_cur_maps": "False",
+    "set_null_currents_to_nodata": "False",
+    "set_null_voltages_to_nodata": "False",
+    "set_focal_node_currents_to_zero": "False",
+    "compress_grids": "False",
+    "log_transform_maps": "False",
+    "write_as_tif": "False",
 }
-"""Keys that change the circuit in advanced mode, with their defaults in Circuitscape 5."""
+"""Keys that change the circuit or the output files, with their defaults in Circuitscape 5."""
 
 _WITHOUT_EFFECT = frozenset(
     {
-        "version", "reclass_file", "point_file", "point_file_contains_polygons", "use_included_pairs",
-        "included_pairs_file", "use_variable_source_strengths", "variable_source_file", "output_file",
-        "write_cur_maps", "write_volt_maps", "write_cum_cur_map_only", "write_max_cur_maps",
-        "set_null_currents_to_nodata", "set_null_voltages_to_nodata", "set_focal_node_currents_to_zero",
-        "compress_grids", "log_transform_maps", "write_as_tif", "solver", "precision", "use_64bit_indexing",
+        "version", "reclass_file", "point_file_contains_polygons", "solver", "precision", "use_64bit_indexing",
         "cholmod_batch_size", "low_memory_mode", "preemptive_memory_release", "parallelize", "max_parallel",
         "print_timings", "print_rusages", "log_file", "log_level", "screenprint_log", "suppress_messages",
         "profiler_log_file",
     }
 )  # fmt: skip
-"""Keys of Circuitscape 3.5 to 5 that choose outputs, solvers or other scenarios, and are ignored here."""
+"""Keys of Circuitscape 3.5 to 5 that choose solvers and messages, and are ignored here."""
+
+CONNECTIVITY = ("pairwise", "one-to-all", "all-to-one")
+"""Scenarios with several circuits, which connect focal points."""
 
 _FLAGS = dict.fromkeys(("True", "true", "1"), True) | dict.fromkeys(("False", "false", "0"), False)
 _PLACEHOLDERS = ("", "None", "none")
@@ -107,6 +122,23 @@ class Configuration:
             except (OSError, ValueError, RuntimeError):
                 continue
         raise InputError(f"{self.path}: {key} = {name!r} is not a file below {str(self.root)!r}; correct the name")
+
+    @property
+    def scenario(self) -> str:
+        """The scenario in lower case, with hyphens: ``advanced``, ``pairwise``, ``one-to-all`` or ``all-to-one``."""
+        return self.text("scenario").lower().replace("_", "-")
+
+    def base(self) -> str:
+        """Return the base of the names of output files, without ``.out``; raise InputError if the key is missing."""
+        name = self.text("output_file")
+        if name in _PLACEHOLDERS or name == _DEFAULTS["output_file"]:
+            raise InputError(f"{self.path}: the key 'output_file' is missing; name the base of the output files")
+        return name.split(".out")[0]
+
+
+def is_connectivity_job(path: str | os.PathLike[str]) -> bool:
+    """Return whether the scenario of a Circuitscape configuration has focal points, unlike ``advanced``."""
+    return read_configuration(path).scenario in CONNECTIVITY
 
 
 def read_configuration(path: str | os.PathLike[str], root: str | os.PathLike[str] | None = None) -> Configuration:

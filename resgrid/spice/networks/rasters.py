@@ -1,8 +1,10 @@
-"""Reader of ESRI ASCII grids."""
+"""Reader of rasters: ESRI ASCII grids, and GeoTIFF by an optional package."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
+from dataclasses import dataclass
 from itertools import takewhile
 from pathlib import Path
 
@@ -28,11 +30,32 @@ _OTHERS = {
 _LIST = re.compile(r"\s*([-+.\deE]+[ \t,]+){2}[-+.\deE]+[ \t]*\n")
 
 
-def read_raster(path: Path) -> NDArray[np.float64]:
-    """Return the cells of an ESRI ASCII grid: shape (rows, columns), top row first, NaN for an empty cell.
+@dataclass(frozen=True, eq=False)
+class Raster:
+    """Cells of a raster with their place.
 
-    Raises InputError for another format and for a damaged file.
+    `cells` (rows, columns): values, top row first, NaN for an empty cell; `corner`: coordinates of the lower left
+    corner; `size`: width of a cell; `profile`: georeference of a GeoTIFF as keywords of `rasterio.open`, None for an
+    ASCII grid.
     """
+
+    cells: NDArray[np.float64]
+    corner: tuple[float, float]
+    size: float
+    profile: Mapping[str, object] | None = None
+
+
+def read_raster(path: Path) -> NDArray[np.float64]:
+    """Return the cells of a raster file: shape (rows, columns), top row first, NaN for an empty cell."""
+    return read_grid(path).cells
+
+
+def read_grid(path: Path) -> Raster:
+    """Return a raster from an ESRI ASCII grid or a GeoTIFF; raise InputError for others and for a damaged file."""
+    if path.suffix.lower() in (".tif", ".tiff"):
+        from resgrid.spice.networks.geotiff import read_geotiff
+
+        return read_geotiff(path)
     data = deck_bytes(path, str(path))
     other = next((kind for mark, kind in _OTHERS.items() if data.startswith(mark)), None)
     text = "" if other else decode(normalise(data, str(path)))
@@ -56,7 +79,10 @@ def read_raster(path: Path) -> NDArray[np.float64]:
     if header.get("dx") != header.get("dy"):
         sizes = " x ".join(f"{header.get(key, float('nan')):g}" for key in ("dx", "dy"))
         raise InputError(f"{path}: its cells are {sizes}; Circuitscape's cells are square: resample the grid")
-    return _without_empty(numbers[len(keys) :], header, path).reshape(int(rows), int(columns))
+    cells = _without_empty(numbers[len(keys) :], header, path).reshape(int(rows), int(columns))
+    size = header.get("cellsize", header.get("dx", 1.0))
+    low = tuple(header.get(f"{axis}llcorner", header.get(f"{axis}llcenter", 0.5 * size) - 0.5 * size) for axis in "xy")
+    return Raster(cells, (low[0], low[1]), size)
 
 
 def _without_empty(cells: NDArray[np.float64], header: dict[str, float], path: Path) -> NDArray[np.float64]:

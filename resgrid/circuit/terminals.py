@@ -1,0 +1,120 @@
+"""Terminals of a network: nodes, names, cells, and regions of nodes that an ideal wire joins."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid._internal.numbers import is_whole
+from resgrid.core.netlist import Netlist
+from resgrid.core.regions import label_components
+from resgrid.errors import InputError, suggestion
+
+Nodes = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class TerminalReader:
+    """Conversion of a terminal, as a user gives it, to node numbers.
+
+    `netlist`: the circuit; `cells`: whether terminals are cells of the compiled space instead of nodes.
+    """
+
+    netlist: Netlist
+    cells: bool = False
+
+    @cached_property
+    def _number_of(self) -> dict[str, int]:
+        """Node number of every node name."""
+        names = self.netlist.names_of(np.arange(self.netlist.node_count))
+        return {name: node for node, name in reversed(list(enumerate(names)))}
+
+    def nodes(self, terminal: Any) -> Nodes:
+        """Return the sorted node numbers of a terminal; raise InputError if it has none, or one does not exist."""
+        found = self._in_cells(terminal) if self.cells else self._in_nodes(terminal)
+        nodes = np.unique(np.asarray(found, dtype=np.int64))
+        if not nodes.size:
+            raise InputError(f"the terminal {terminal!r} has no nodes; name at least one node or cell")
+        return nodes
+
+    def _in_nodes(self, terminal: Any) -> Iterable[int]:
+        """Return the node numbers of a node, a name, a mask of nodes, or a list of nodes and names."""
+        if isinstance(terminal, np.ndarray) and terminal.dtype == np.bool_:
+            if terminal.shape != (self.netlist.node_count,):
+                raise InputError(
+                    f"a mask of nodes has shape {terminal.shape}; give one entry per node: ({self.netlist.node_count},)"
+                )
+            return np.flatnonzero(terminal)
+        if isinstance(terminal, str) or is_whole(terminal):
+            return [self._node(terminal)]
+        if not isinstance(terminal, Sequence | set | frozenset | np.ndarray):
+            raise InputError(f"the terminal {terminal!r} is not a node number, a node name, or a list of both")
+        return [self._node(each) for each in terminal]
+
+    def _node(self, node: Any) -> int:
+        """Return the number of a node that is given by its number or its name."""
+        if isinstance(node, str):
+            if node not in self._number_of:
+                hint = suggestion(node, list(self._number_of)) or "netlist.names_of(nodes) returns names"
+                raise InputError(f"the circuit has no node {node!r}; {hint}")
+            return self._number_of[node]
+        if not is_whole(node) or not 0 <= node < self.netlist.node_count:
+            raise InputError(
+                f"the circuit has no node {node!r}; its nodes are 0 to {self.netlist.node_count - 1:,}, or names"
+            )
+        return int(node)
+
+    def _in_cells(self, terminal: Any) -> Iterable[int]:
+        """Return the node numbers of a cell (a tuple of indices), a mask of cells, or a list of cells."""
+        node, shape = self.netlist.cells.node, self.netlist.cells.space.shape
+        if isinstance(terminal, np.ndarray) and terminal.dtype == np.bool_:
+            if terminal.shape != shape:
+                raise InputError(f"a mask of cells has shape {terminal.shape}; the space has shape {shape}")
+            inside = node[terminal]
+            return inside[inside >= 0]
+        cells = [terminal] if isinstance(terminal, tuple) and all(map(is_whole, terminal)) else terminal
+        if not isinstance(cells, Sequence | np.ndarray) or isinstance(cells, str):
+            raise InputError(f"the terminal {terminal!r} is not a cell, such as (3, 5), a list of cells or a mask")
+        return [self._node_of_cell(tuple(cell) if np.iterable(cell) else (cell,)) for cell in cells]
+
+    def _node_of_cell(self, cell: tuple[Any, ...]) -> int:
+        """Return the node of a cell; raise InputError for a cell outside the space or without a node."""
+        node, shape = self.netlist.cells.node, self.netlist.cells.space.shape
+        inside = len(cell) == len(shape) and all(
+            is_whole(index) and 0 <= index < count for index, count in zip(cell, shape, strict=True)
+        )
+        if not inside:
+            raise InputError(f"the space of shape {shape} has no cell {cell!r}")
+        if node[cell] < 0:
+            raise InputError(
+                f"cell {cell!r} has no node, because no current can reach it (an open obstacle, or an enclosed cell); "
+                "choose a free cell"
+            )
+        return int(node[cell])
+
+
+def joined_nodes(netlist: Netlist, regions: Iterable[Nodes] = ()) -> Nodes:
+    """Return the number of the group of every node, (nodes,); wires and voltage sources join the nodes of a group.
+
+    `regions`: node numbers of every region that an ideal wire joins.  A voltage source counts as a wire, since
+    independent sources are set to zero.
+    """
+    wires = [np.stack([region[:-1], region[1:]], axis=1) for region in regions]
+    edges = np.concatenate([netlist.source_nodes.astype(np.int64), *wires])
+    if not len(edges):
+        return np.arange(netlist.node_count)
+    return label_components(edges, netlist.node_count)
+
+
+def require_linear(netlist: Netlist) -> None:
+    """Raise InputError if a netlist has nonlinear resistors."""
+    if netlist.nonlinear_nodes.size:
+        raise InputError(
+            "a circuit with nonlinear resistors has no effective resistance; use rg.circuit.linearize(op), its "
+            "linearization around an operating point"
+        )

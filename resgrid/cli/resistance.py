@@ -1,0 +1,172 @@
+"""``resgrid resistance``: effective resistances of a scene, map, deck or network, and Circuitscape jobs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import click
+
+import resgrid as rg
+from resgrid.cli.decks import is_deck, open_deck
+from resgrid.cli.options import CommandInput, output_option, subcommand, with_source
+from resgrid.cli.scenes import open_job, report_ignored
+from resgrid.cli.terminal import compute, finish, stage
+from resgrid.errors import InputError
+
+_MOST_LINES = 40
+"""Largest number of pairs that are printed; files have all."""
+
+_SECONDS = 1e-5
+"""Approximate time per resistor and terminal, in seconds, for the progress bar."""
+
+
+@subcommand(
+    "resistance",
+    examples=(
+        "resgrid resistance theirs.sp --between vdd b --between a b",
+        "resgrid resistance map.yaml --goal 5,0 --boundary neumann --between -5,-4 5,0 -o resistance.csv",
+    ),
+)
+@with_source("SCENE|DECK")
+@output_option("Resistances: FILE.csv, .json or .npz; - prints CSV. Circuitscape job: folder of its files.")
+@click.option(
+    "--between", metavar="A B", nargs=2, type=str, multiple=True,
+    help="Pair of terminals; repeatable. A terminal is a place X,Y (with --cells: a cell), a node name, or several of "
+    "these in quotes, separated by blanks, which an ideal wire joins.",
+)  # fmt: skip
+@click.option("--all", "every_pair", is_flag=True, help="All pairs of the terminals that --between names.")
+@click.option("--method", type=click.Choice(["auto", "direct", "multigrid"]), default="auto", help="Solution method.")
+def command(
+    source: CommandInput, output: str | None, between: tuple[tuple[str, str], ...], every_pair: bool, method: str
+) -> int:
+    """Compute effective resistances between places of SCENE, or between nodes of DECK, in ohms.
+
+    Independent sources are set to zero: a voltage source is a wire, a current source is open. In a scene, rails are
+    such wires; with the boundary condition neumann, obstacles are open. A Circuitscape configuration (.ini) in
+    pairwise, one-to-all or all-to-one mode needs no --between: its files are written to the folder of -o, or to that of
+    its key output_file. Exits with 1 if a pair is not connected.
+    """
+    from resgrid.io.resistances import check_resistance_file, resistance_record, terminal_names
+
+    if is_circuitscape_job(source.file):
+        return _run_job(source, output, between)
+    if not between:
+        raise InputError("no pair is given: add --between A B, such as --between 1,2 5,3, or --between in out")
+    if output is not None:
+        check_resistance_file(output)
+    ignored: dict[str, Any] = {}
+    if is_deck(source):
+        netlist = open_deck(source).netlist()
+        pairs: list[Any] = [tuple(_names(word) for word in pair) for pair in between]
+    else:
+        job = open_job(source, require_goal=False, method=method)
+        ignored = report_ignored(job, "circuit")
+        netlist = job.compile(job.problem.only_wiring()[1], scaled=False)
+        in_cells = bool(click.get_current_context().params["cells"])
+        pairs = [tuple(_places(netlist, word, in_cells) for word in pair) for pair in between]
+    seconds = 0.5 + _SECONDS * len(netlist.conductance) * len(pairs)
+    if every_pair:
+        terminals = list({repr(terminal): terminal for pair in pairs for terminal in pair}.values())
+        work = partial(rg.effective_resistance, terminals=terminals, method=method)
+    else:
+        work = partial(rg.effective_resistance, pairs=pairs, method=method)
+    found: rg.circuit.EffectiveResistance = compute("compute the resistances", work, netlist, seconds=seconds)
+    data = {**resistance_record(found, terminal_names(found)), **ignored}
+    if output is not None:
+        with stage("write the resistances"):
+            rg.save(found, output)
+        data["file"] = output
+    finish(data, _lines(data), written=output, more=True)
+    return 0 if all(pair["connected"] for pair in data["pairs"]) else 1
+
+
+def _names(word: str) -> list[str]:
+    """Return the node names of a terminal; `word`: names separated by blanks."""
+    return word.split()
+
+
+def _places(netlist: rg.Netlist, word: str, in_cells: bool) -> list[str | int]:
+    """Return the nodes of a terminal of a scene.
+
+    `netlist`: compiled circuit of the scene; `word`: places X,Y and node names, separated by blanks; `in_cells`:
+    whether places are cell indices instead of world coordinates.
+    """
+    return [_node_at(netlist, part, in_cells) for part in word.split()]
+
+
+def _node_at(netlist: rg.Netlist, place: str, in_cells: bool) -> str | int:
+    """Return the node of a place X,Y, or the text itself if it is a node name."""
+    from resgrid.circuit.terminals import TerminalReader
+
+    try:
+        numbers = [float(part) for part in place.split(",")]
+    except ValueError:
+        return place
+    space = netlist.cells.space
+    if len(numbers) != space.ndim:
+        raise InputError(f"--between {place}: a place of this scene has {space.ndim} coordinates")
+    if in_cells and not all(number.is_integer() for number in numbers):
+        raise InputError(f"--between {place}: with --cells, give whole numbers (cell indices), such as 3,4")
+    cell = tuple(map(int, numbers)) if in_cells else tuple(space.locate(numbers).tolist())
+    return int(TerminalReader(netlist, cells=True).nodes(cell)[0])
+
+
+def _lines(data: dict[str, Any]) -> Iterable[str]:
+    """Yield the lines of text: one line per pair, and the error bound."""
+    pairs: Sequence[dict[str, Any]] = data["pairs"]
+    width = max(len(f"{pair['first']} - {pair['second']}") for pair in pairs[:_MOST_LINES])
+    for pair in pairs[:_MOST_LINES]:
+        ends = f"{pair['first']} - {pair['second']}"
+        yield f"{ends:{width}}  " + (f"{pair['resistance']:.10g} ohm" if pair["connected"] else "not connected")
+    if len(pairs) > _MOST_LINES:
+        yield f"and {len(pairs) - _MOST_LINES:,} more pairs; -o FILE.csv writes all"
+    error = data["relative_error"]
+    bound = f"relative error at most {error:.1e}" if math.isfinite(error) else "no proved bound on the relative error"
+    yield f"{bound}; method: {data['solver']}"
+
+
+def is_circuitscape_job(file: str) -> bool:
+    """Return whether an input is a Circuitscape configuration in another mode than advanced."""
+    from resgrid.spice.networks.configurations import is_connectivity_job
+
+    return Path(file).suffix.lower() == ".ini" and is_connectivity_job(file)
+
+
+def _run_job(source: CommandInput, output: str | None, between: tuple[tuple[str, str], ...]) -> int:
+    """Run a Circuitscape job, write its files, print its resistances, and return the exit code.
+
+    `source`: the configuration; `output`: folder of the files, None for that of the configuration's ``output_file``;
+    `between`: pairs of --between, which must be empty.
+    """
+    if between:
+        raise InputError(f"{source.file}: the focal points of this job define its pairs; leave --between out")
+    work = partial(rg.spice.run_circuitscape, output=output, root=source.root)
+    job: rg.spice.ConnectivityResult = compute("run the Circuitscape job", work, source.file, iterates=False)
+    data = {
+        "scenario": job.scenario, "points": job.points.tolist(), "resistance": job.resistance.tolist(),
+        "files": [str(file) for file in job.files],
+    }  # fmt: skip
+    finish(data, _job_lines(job), written=job.files[0].parent, more=True)
+    return 0 if all(value != -1.0 for value in job.resistance.ravel()) else 1
+
+
+def _job_lines(job: rg.spice.ConnectivityResult) -> Iterable[str]:
+    """Yield the lines of text for a finished Circuitscape job: its resistances, one line per pair or focal point."""
+    yield f"{job.scenario}, {len(job.points):,} focal points or regions"
+    points = job.points.tolist()
+    if job.resistance.ndim == 1:
+        shown = [(f"{point}", ohms) for point, ohms in zip(points, job.resistance.tolist(), strict=True)]
+    else:
+        shown = [
+            (f"{one} - {points[place]}", float(job.resistance[number, place]))
+            for number, one in enumerate(points)
+            for place in range(number + 1, len(points))
+        ]
+    for name, ohms in shown[:_MOST_LINES]:
+        yield f"  {name}  " + ("not connected" if ohms == -1.0 else f"{ohms:.10g} ohm")
+    if len(shown) > _MOST_LINES:
+        yield f"  and {len(shown) - _MOST_LINES:,} more; the file of resistances has all"

@@ -1,0 +1,195 @@
+"""Output files of Circuitscape jobs: matrices of resistances, maps of currents and voltages, tables of networks.
+
+Names, columns and numbers are those of Circuitscape.jl 5, except for two: nodes of a network have the numbers of the
+user's files (Circuitscape 5 adds 1), and the one-column results of one-to-all and all-to-one mode have a file, as in
+Circuitscape 4.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid._internal.files import write_text
+from resgrid.core.netlist import Netlist
+from resgrid.errors import InputError
+from resgrid.spice.networks.configurations import Configuration
+from resgrid.spice.networks.rasters import NODATA, Raster
+
+_DECIMALS = 8
+"""Number of decimals in ASCII grids."""
+
+
+def output_files(
+    job: Configuration,
+    output: str | os.PathLike[str] | None,
+    habitat: Raster | None,
+    conducting: NDArray[np.bool_] | None,
+) -> OutputFiles:
+    """Return the writer of a job's files.
+
+    `output`: folder, None for that of the key ``output_file``; `habitat`: place of the cells, None for a network;
+    `conducting` (rows, columns): whether a cell conducts.  Raises InputError if the key names a file outside the folder
+    of the configuration, or the folder does not exist.
+    """
+    base = Path(job.base().replace("\\", "/"))
+    place = job.folder / base if output is None else Path(output) / base.name
+    if output is None and not place.resolve().is_relative_to(job.root):
+        raise InputError(
+            f"{job.path}: output_file = {job.text('output_file')!r} lies outside {str(job.root)!r}; name a folder for "
+            "the output files"
+        )
+    if output is not None:
+        try:
+            Path(output).mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise InputError(f"cannot create the folder {output}: {error.strerror}") from None
+    return OutputFiles(job, place, habitat, conducting)
+
+
+@dataclass(eq=False)
+class OutputFiles:
+    """Writer of the files of a job, which also sums the current maps.
+
+    `job`: the configuration; `place`: base of the file names; `habitat`: place of the cells, None for a network;
+    `conducting` (rows, columns): whether a cell conducts; `written`: files so far; `sums`: sum and maximum of the
+    currents, None before the first map.
+    """
+
+    job: Configuration
+    place: Path
+    habitat: Raster | None
+    conducting: NDArray[np.bool_] | None
+    written: list[Path] = field(default_factory=list)
+    sums: tuple[NDArray[np.float64] | None, NDArray[np.float64] | None] = (None, None)
+
+    @property
+    def wants_maps(self) -> bool:
+        """Whether voltages or currents of the solutions are needed."""
+        keys = ("write_cur_maps", "write_volt_maps", "write_cum_cur_map_only", "write_max_cur_maps")
+        return any(self.job.flag(key) for key in keys)
+
+    def _file(self, end: str, text: str) -> None:
+        self.written.append(write_text(self.place.with_name(f"{self.place.name}_{end}"), text))
+
+    def write_resistances(self, points: NDArray[Any], resistance: NDArray[np.float64]) -> None:
+        """Write the resistances of `points` (k,): a matrix (k, k) also in three columns, or one column (k,)."""
+        ids = points.astype(np.float64)
+        if resistance.ndim == 1:
+            self._file("resistances.out", table_text(np.stack([ids, resistance], axis=1), " "))
+            return
+        first, second = np.triu_indices(len(ids), 1)
+        matrix = np.block([[np.zeros((1, 1)), ids[None]], [ids[:, None], resistance]])
+        self._file("resistances.out", table_text(matrix, " "))
+        columns = np.stack([ids[first], ids[second], resistance[first, second]], axis=1)
+        self._file("resistances_3columns.out", table_text(columns, " "))
+
+    def _add(self, current: NDArray[np.float64]) -> None:
+        """Add the currents of one solution to the sum and the maximum."""
+        total, largest = self.sums
+        if total is None or largest is None:
+            self.sums = current.copy(), current.copy()
+        else:
+            self.sums = total + current, np.maximum(largest, current)
+
+    def write_maps(self, name: str, current: NDArray[np.float64], voltage: NDArray[np.float64]) -> None:
+        """Write the requested maps of one solution, and add its currents.
+
+        `name`: end of the file names, such as ``_1_2``; `current`, `voltage` (rows, columns): in A and V.
+        """
+        self._add(current)
+        if self.job.flag("write_cur_maps") and not self.job.flag("write_cum_cur_map_only"):
+            self._grid(f"curmap{name}", current, of_current=True)
+        if self.job.flag("write_volt_maps"):
+            self._grid(f"voltmap{name}", voltage, of_current=False)
+
+    def write_sums(self) -> None:
+        """Write the maps (or, for a network, tables) of the cumulative and of the largest current, if requested."""
+        total, largest = self.sums
+        if total is None or largest is None or self.habitat is None:
+            return
+        if self.job.flag("write_cur_maps") or self.job.flag("write_cum_cur_map_only"):
+            self._grid("cum_curmap", total, of_current=True)
+        if self.job.flag("write_max_cur_maps"):
+            self._grid("max_curmap", largest, of_current=True)
+
+    def _grid(self, end: str, cells: NDArray[np.float64], *, of_current: bool) -> None:
+        """Write a map (rows, columns) in the format of the habitat, ASCII grid or GeoTIFF; `end`: end of the name."""
+        assert self.habitat is not None and self.conducting is not None
+        if of_current and self.job.flag("log_transform_maps"):
+            with np.errstate(divide="ignore"):
+                cells = np.where(cells > 0, np.log10(cells), NODATA)
+        key = "set_null_currents_to_nodata" if of_current else "set_null_voltages_to_nodata"
+        if self.job.flag(key):
+            cells = np.where(self.conducting, cells, NODATA)
+        if self.habitat.profile is None:
+            self._file(f"{end}.asc", grid_text(cells, self.habitat))
+            return
+        from resgrid.spice.networks.geotiff import write_geotiff
+
+        file = self.place.with_name(f"{self.place.name}_{end}.tif")
+        self.written.append(write_geotiff(file, cells, self.habitat))
+
+    def write_tables(
+        self, name: str, netlist: Netlist, voltage: NDArray[np.float64], node_current: NDArray[np.float64],
+        resistor_current: NDArray[np.float64],
+    ) -> None:  # fmt: skip
+        """Write the requested tables of one solution of a network, and add its node currents.
+
+        `name`: end of the file names; `voltage`, `node_current` (nodes,), `resistor_current` (resistors,): in V and A.
+        Node 0 is the node ``ground``, which belongs to no network of Circuitscape unless it has elements.
+        """
+        self._add(node_current)
+        used = np.unique(netlist.resistor_nodes)
+        ids = np.full(netlist.node_count, -1.0)
+        ids[used] = [float(word) for word in netlist.names_of(used)]
+        order = used[np.argsort(ids[used])]
+        if self.job.flag("write_volt_maps"):
+            self._file(f"voltages{name}.txt", table_text(np.stack([ids[order], voltage[order]], axis=1)))
+        if self.job.flag("write_cur_maps") and not self.job.flag("write_cum_cur_map_only"):
+            self._file(f"node_currents{name}.txt", table_text(np.stack([ids[order], node_current[order]], axis=1)))
+            self._file(f"branch_currents{name}.txt", table_text(_branches(netlist, ids, resistor_current)))
+
+
+def _branches(netlist: Netlist, ids: NDArray[np.float64], current: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the table of branch currents, (branches, 3): both numbers, the smaller one first, and the magnitude in A.
+
+    `ids` (nodes,): number of every node; `current` (resistors,): in A.  Parallel resistors are one branch.
+    """
+    low, high = np.sort(ids[netlist.resistor_nodes], axis=1).T
+    pairs, branch = np.unique(np.stack([high, low], axis=1), axis=0, return_inverse=True)
+    amps = np.bincount(branch.ravel(), np.abs(current), len(pairs))
+    return np.stack([pairs[:, 1], pairs[:, 0], amps], axis=1)
+
+
+def number_text(value: float) -> str:
+    """Return a number as Julia prints it: the shortest digits, with an exponent below 1e-4 and from 1e6 on."""
+    text = repr(float(value))
+    if not np.isfinite(value) or value == 0.0 or 1e-4 <= abs(value) < 1e6:
+        return text
+    digits, _, exponent = f"{value!r}".partition("e")
+    if not exponent:
+        digits, _, exponent = np.format_float_scientific(value, unique=True, trim="0").partition("e")
+    return f"{digits if '.' in digits else digits + '.0'}e{int(exponent)}"
+
+
+def table_text(rows: NDArray[np.float64], separator: str = "\t") -> str:
+    """Return the text of a table of numbers, one line per row."""
+    return "".join(separator.join(map(number_text, row)) + "\n" for row in rows.tolist())
+
+
+def grid_text(cells: NDArray[np.float64], place: Raster) -> str:
+    """Return the text of an ESRI ASCII grid; `cells` (rows, columns): values; `place`: corner and size of a cell."""
+    rows, columns = cells.shape
+    header = {
+        "ncols": columns, "nrows": rows, "xllcorner": number_text(place.corner[0]),
+        "yllcorner": number_text(place.corner[1]), "cellsize": number_text(place.size),
+        "NODATA_value": number_text(NODATA),
+    }  # fmt: skip
+    head = "".join(f"{key:13} {value}\n" for key, value in header.items())
+    return head + table_text(np.round(cells, _DECIMALS) + 0.0, " ")  # + 0.0 removes the sign of -0.0

@@ -1,0 +1,362 @@
+"""Circuitscape's pairwise, one-to-all and all-to-one modes, with its output files.
+
+McRae (2006), *Isolation by resistance*; McRae, Dickson, Keitt & Shah (2008), *Using circuit theory to model
+connectivity in ecology, evolution, and conservation*; the source of Circuitscape.jl.
+
+- **pairwise**: 1 A flows from the second point of a pair to the first; a region is one node while its pair is measured.
+- **one-to-all**: the strength of one point flows to all other points, which are at 0 V.
+- **all-to-one**: the strengths of all other points flow to one point, which is at 0 V.
+
+The current of a cell is the larger of the currents into its node and out of it.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from concurrent.futures import Executor
+from contextlib import closing
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid._internal.parallel import JobPart, in_order
+from resgrid._internal.values import frozen
+from resgrid.circuit.effective_resistance import effective_resistance
+from resgrid.circuit.network_reduction import Count
+from resgrid.core.netlist import Netlist
+from resgrid.errors import InputError
+from resgrid.spice.networks.circuitscape_files import OutputFiles, output_files
+from resgrid.spice.networks.configurations import CONNECTIVITY, Configuration, read_configuration
+from resgrid.spice.networks.edges import read_edges
+from resgrid.spice.networks.focal_points import FocalPoints, allowed_pairs, numbers_of, read_points, strengths_of
+from resgrid.spice.networks.measurements import UNCONNECTED, Flow, Measurement, solve_measurement
+from resgrid.spice.networks.raster_networks import conductance_and_polygons, links_between, number_cells
+from resgrid.spice.networks.rasters import Raster, read_grid
+
+_REFUSED = ("use_reclass_table", "compress_grids", "set_focal_node_currents_to_zero", "write_as_tif")
+"""Keys of Circuitscape that are rejected by name if they are true."""
+
+
+@frozen
+@dataclass(frozen=True, eq=False)
+class ConnectivityResult:
+    r"""Resistances and currents of a Circuitscape job.
+
+    Returned by `resgrid.spice.run_circuitscape`.
+
+    Attributes
+    ----------
+    scenario : str
+        ``"pairwise"``, ``"one-to-all"`` or ``"all-to-one"``.
+    points : ndarray of int64 or str, shape (points,)
+        Numbers of the focal points or regions; in a network, the names of the focal nodes.
+    resistance : ndarray of float64, shape (points, points) or (points,)
+        Effective resistances in ohms; -1 for pairs (in one-to-all mode, points) that are not connected or were left
+        out.  In all-to-one mode the entries are 0, as in Circuitscape.
+    cumulative_current : ndarray of float64, or None
+        Sum of the currents of all solutions in amperes, shape (rows, columns) or (nodes,); None if no current map was
+        requested.
+    maximum_current : ndarray of float64, or None
+        Largest current of all solutions, in the shape of `cumulative_current`.
+    files : tuple of pathlib.Path
+        The written files.
+
+    Examples
+    --------
+    >>> with open("habitat.asc", "w") as file:
+    ...     _ = file.write("ncols 3\nnrows 1\nxllcorner 0\nyllcorner 0\ncellsize 1\n1 1 3\n")
+    >>> with open("points.txt", "w") as file:
+    ...     _ = file.write("1 0.5 0.5\n2 2.5 0.5\n")
+    >>> with open("job.ini", "w") as file:
+    ...     _ = file.write(
+    ...         "scenario = pairwise\nhabitat_file = habitat.asc\nhabitat_map_is_resistances = True\n"
+    ...         "connect_using_avg_resistances = True\npoint_file = points.txt\noutput_file = job.out\n"
+    ...     )
+    >>> rg.spice.run_circuitscape("job.ini").resistance.round(9)
+    array([[0., 3.],
+           [3., 0.]])
+    """
+
+    scenario: str
+    points: NDArray[Any]
+    resistance: NDArray[np.float64]
+    cumulative_current: NDArray[np.float64] | None
+    maximum_current: NDArray[np.float64] | None
+    files: tuple[Path, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class _Landscape:
+    """Conductances of the cells and focal points of a raster job.
+
+    `job`: the configuration; `habitat`: place of the cells; `conductance`, `polygon` (rows, columns): in S, and number
+    of the short-circuit region, 0 for none; `points`: the focal points.
+    """
+
+    job: Configuration
+    habitat: Raster
+    conductance: NDArray[np.float64]
+    polygon: NDArray[np.float64]
+    points: FocalPoints
+
+    def circuit(self, regions: tuple[int, ...]) -> tuple[Netlist, NDArray[np.int64]]:
+        """Return the circuit in which polygons and some focal regions are single nodes, and the node of every cell.
+
+        `regions`: indices of the focal points that are joined.  A region and the polygons that it overlaps are one
+        node.
+        """
+        labels = self.polygon.ravel().copy()
+        for number in regions:
+            cells = self.points.cells[number]
+            if len(cells) > 1:
+                label, touched = labels.max() + 1.0, np.unique(labels[cells])
+                labels[np.isin(labels, touched[touched != 0])] = label
+                labels[cells] = label
+        node, names = number_cells(self.conductance, labels.reshape(self.polygon.shape))
+        edges, siemens = links_between(
+            self.conductance,
+            node,
+            mean_resistance=self.job.flag("connect_using_avg_resistances"),
+            diagonals=not self.job.flag("connect_four_neighbors_only"),
+        )
+        return Netlist(len(names), edges, siemens), node
+
+    def node_of(self, node: NDArray[np.int64], number: int) -> int:
+        """Return the node of a focal point, -1 without a conducting cell; `node`: node of every cell."""
+        return int(node.ravel()[self.points.cells[number][0]])
+
+
+def run_circuitscape(
+    path: str | os.PathLike[str],
+    output: str | os.PathLike[str] | None = None,
+    *,
+    root: str | os.PathLike[str] | None = None,
+    executor: Executor | None = None,
+    progress: Count | None = None,
+) -> ConnectivityResult:
+    r"""Run a Circuitscape job in pairwise, one-to-all or all-to-one mode, and write its output files.
+
+    Parameters
+    ----------
+    path : path-like
+        Configuration file (``.ini``) of a raster job (ESRI ASCII grids, or GeoTIFF with the extra ``geotiff``) or of a
+        pairwise network job.
+    output : path-like, optional
+        Folder of the output files; by default that of the key ``output_file``, which must lie in the folder of `path`.
+    root : path-like, optional
+        Folder that must contain all files named in the configuration, by default the folder of `path`.
+    executor : concurrent.futures.Executor, optional
+        Workers that share the solutions.
+    progress : callable, optional
+        Called as ``progress(done, total)`` after every solution.
+
+    Returns
+    -------
+    ConnectivityResult
+        Resistances, cumulative and maximum currents, and the names of the files.
+
+    Raises
+    ------
+    InputError
+        If a file is missing or wrong, or for an option of Circuitscape that is not supported.
+    ToolMissingError
+        If a file is a GeoTIFF and rasterio is not installed.
+
+    Notes
+    -----
+    Defaults are those of Circuitscape 5.  Files of the resistances are always written; the other files depend on the
+    keys ``write_cur_maps``, ``write_volt_maps``, ``write_cum_cur_map_only`` and ``write_max_cur_maps``.
+
+    Examples
+    --------
+    >>> with open("graph.txt", "w") as file:
+    ...     _ = file.write("0 1 2.0\n1 2 4.0\n")
+    >>> with open("nodes.txt", "w") as file:
+    ...     _ = file.write("0\n2\n")
+    >>> with open("net.ini", "w") as file:
+    ...     _ = file.write(
+    ...         "data_type = network\nscenario = pairwise\nhabitat_file = graph.txt\npoint_file = nodes.txt\n"
+    ...         "output_file = net.out\n"
+    ...     )
+    >>> job = rg.spice.run_circuitscape("net.ini")
+    >>> float(job.resistance[0, 1]), [file.name for file in job.files]
+    (6.0, ['net_resistances.out', 'net_resistances_3columns.out'])
+    """
+    job = read_configuration(path, root)
+    if job.scenario not in CONNECTIVITY:
+        hint = (
+            "read it with rg.read_spice" if job.scenario == "advanced" else f"choose one of {', '.join(CONNECTIVITY)}"
+        )
+        raise InputError(f"{job.path}: the scenario {job.text('scenario')!r} has no focal points; {hint}")
+    for key in _REFUSED:
+        if job.flag(key):
+            raise InputError(f"{job.path}: {key} = {job.text(key)} is not supported; remove the line")
+    kind = job.text("data_type").lower()
+    if kind == "network" and job.scenario != "pairwise":
+        raise InputError(f"{job.path}: Circuitscape has no scenario {job.scenario!r} for networks; use pairwise")
+    if kind not in ("raster", "network"):
+        raise InputError(f"{job.path}: data_type = {job.text('data_type')!r} is neither 'network' nor 'raster'")
+    if kind == "network":
+        return _run_network(job, output, executor, progress)
+    return _run_raster(job, output, executor, progress)
+
+
+def _run_raster(
+    job: Configuration, output: str | os.PathLike[str] | None, executor: Executor | None, progress: Count | None
+) -> ConnectivityResult:
+    """Return the result of a raster job; the arguments are those of `run_circuitscape`."""
+    habitat = read_grid(job.file("habitat_file"))
+    points = read_points(job.file("point_file"), habitat)
+    named, allowed = allowed_pairs(job, points.ids)
+    points = points.only(named)
+    if len(points.ids) < 2:
+        raise InputError(f"{job.file('point_file')}: a job needs at least two focal points, got {len(points.ids)}")
+    land = _Landscape(job, habitat, *conductance_and_polygons(job), points)
+    files = output_files(job, output, habitat, land.conductance > 0)
+    count = len(points.ids)
+    if job.scenario == "pairwise":
+        pairs = [(i, j) for i in range(count) for j in range(i + 1, count) if allowed[i, j]]
+        resistance = np.where(np.eye(count, dtype=np.bool_), 0.0, UNCONNECTED)
+        if not points.has_regions and not files.wants_maps:
+            _fill_shared(land, pairs, resistance, executor, progress)
+            return _finished(job, points.ids, resistance, files)
+        names = [f"_{points.ids[i]}_{points.ids[j]}" for i, j in pairs]
+        for (i, j), ohms in zip(
+            pairs, _solutions(land, pairs, _pair_measurement, names, files, executor, progress), strict=True
+        ):
+            resistance[i, j] = resistance[j, i] = ohms
+        return _finished(job, points.ids, resistance, files)
+    amps = strengths_of(job, points.ids)
+    jobs = [(i, *np.flatnonzero(allowed[i]).tolist()) for i in range(count)]
+    make = partial(_one_to_all if job.scenario == "one-to-all" else _all_to_one, amps)
+    names = [f"_{number}" for number in points.ids]
+    found = np.array(list(_solutions(land, jobs, make, names, files, executor, progress)))
+    if job.scenario == "all-to-one":
+        found = np.where(found == UNCONNECTED, UNCONNECTED, 0.0)
+    return _finished(job, points.ids, found, files)
+
+
+def _finished(
+    job: Configuration, points: NDArray[Any], resistance: NDArray[np.float64], files: OutputFiles
+) -> ConnectivityResult:
+    """Write the last files of a job, and return its result."""
+    files.write_resistances(points, resistance)
+    files.write_sums()
+    total, largest = files.sums
+    return ConnectivityResult(job.scenario, points, resistance, total, largest, tuple(files.written))
+
+
+def _fill_shared(
+    land: _Landscape, pairs: list[tuple[int, int]], resistance: NDArray[np.float64], executor: Executor | None,
+    progress: Count | None,
+) -> None:  # fmt: skip
+    """Write the resistances of pairs of single cells to a matrix (k, k), from one factorization."""
+    netlist, node = land.circuit(())
+    places = [land.node_of(node, number) for number in range(len(land.points.ids))]
+    within = [(i, j) for i, j in pairs if places[i] >= 0 and places[j] >= 0]
+    if not within:
+        return
+    wanted = [(places[i], places[j]) for i, j in within]
+    found = effective_resistance(netlist, wanted, executor=executor, progress=progress).resistance
+    for (i, j), ohms in zip(within, found.tolist(), strict=True):
+        resistance[i, j] = resistance[j, i] = ohms if np.isfinite(ohms) else UNCONNECTED
+
+
+def _solutions(
+    land: _Landscape, items: list[Any], make: Any, names: list[str], files: OutputFiles, executor: Executor | None,
+    progress: Count | None,
+) -> Iterator[float]:  # fmt: skip
+    """Solve all measurements, write their maps, and yield their resistances.
+
+    `items`: arguments of the function `make`, which returns a `Measurement` of a landscape; `names`: ends of the names
+    of the maps.
+    """
+    part = JobPart(_solve_items, (land, make), items, "solutions")
+    with closing(in_order([part], executor)) as results:
+        for number, (name, (flow, node)) in enumerate(zip(names, results, strict=True), 1):
+            if flow is not None:
+                files.write_maps(name, _on_cells(flow.node_current, node), _on_cells(flow.voltage, node))
+            if progress is not None:
+                progress(number, len(items))
+            yield UNCONNECTED if flow is None else flow.resistance
+
+
+def _on_cells(values: NDArray[np.float64], node: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return the value of every cell, (rows, columns), 0 without a node.
+
+    `values` (nodes,): values of the nodes; `node` (rows, columns): node of every cell, -1 for none.
+    """
+    return np.where(node >= 0, values[node], 0.0)
+
+
+def _solve_items(shared: tuple[_Landscape, Any], items: list[Any]) -> list[tuple[Flow | None, NDArray[np.int64]]]:
+    """Return the solution of every measurement, None without a connection, and the node of every cell."""
+    land, make = shared
+    results = []
+    for item in items:
+        measured = make(land, item)
+        results.append((solve_measurement(measured), measured.node))
+    return results
+
+
+def _pair_measurement(land: _Landscape, pair: tuple[int, int]) -> Measurement:
+    """Return the measurement of a pair: 1 A from the second point to the first."""
+    netlist, node = land.circuit(pair)
+    first, second = (land.node_of(node, number) for number in pair)
+    return Measurement(netlist, (second,), (1.0,), (first,), node)
+
+
+def _one_to_all(amps: NDArray[np.float64], land: _Landscape, item: tuple[int, ...]) -> Measurement:
+    """Return the measurement from one point to others; `item`: the point and the others; `amps`: strengths in A."""
+    netlist, node = land.circuit(item)
+    ends = [land.node_of(node, number) for number in item]
+    grounds = tuple(sorted({end for end in ends[1:] if end >= 0 and end != ends[0]}))
+    return Measurement(netlist, (ends[0],), (float(amps[item[0]]),), grounds, node)
+
+
+def _all_to_one(amps: NDArray[np.float64], land: _Landscape, item: tuple[int, ...]) -> Measurement:
+    """Return the measurement from others to one point; `item`: the point and the others; `amps`: strengths in A."""
+    netlist, node = land.circuit(item)
+    ground = land.node_of(node, item[0])
+    ends = [(land.node_of(node, number), float(amps[number])) for number in item[1:]]
+    sources = [(end, strength) for end, strength in ends if end >= 0 and end != ground]
+    return Measurement(
+        netlist, tuple(end for end, _ in sources), tuple(strength for _, strength in sources), (ground,), node
+    )
+
+
+def _run_network(
+    job: Configuration, output: str | os.PathLike[str] | None, executor: Executor | None, progress: Count | None
+) -> ConnectivityResult:
+    """Return the result of a pairwise network job; the arguments are those of `run_circuitscape`."""
+    network = read_edges(job.file("habitat_file"), measure=job.measure("habitat_map_is_resistances"), absent_edges=True)
+    netlist = Netlist(len(network.names), network.edges, network.conductance, node_names=tuple(network.names))
+    ids = numbers_of(job.file("point_file"), 1).ravel().astype(np.int64)
+    names = [str(number) for number in ids.tolist()]
+    number_of = {name: node for node, name in enumerate(network.names)}
+    missing = [name for name in names if name not in number_of]
+    if missing or len(set(names)) < 2:
+        words = f"its node {missing[0]} is not in the network" if missing else "a job needs two different focal nodes"
+        raise InputError(f"{job.file('point_file')}: {words}")
+    points, allowed = np.unique(ids), None
+    points, allowed = allowed_pairs(job, points)
+    count = len(points)
+    pairs = [(i, j) for i in range(count) for j in range(i + 1, count) if allowed[i, j]]
+    nodes = [number_of[str(number)] for number in points.tolist()]
+    resistance = np.where(np.eye(count, dtype=np.bool_), 0.0, UNCONNECTED)
+    wanted = [(nodes[i], nodes[j]) for i, j in pairs]
+    found = effective_resistance(netlist, wanted, executor=executor, progress=progress).resistance
+    for (i, j), ohms in zip(pairs, found.tolist(), strict=True):
+        resistance[i, j] = resistance[j, i] = ohms if np.isfinite(ohms) else UNCONNECTED
+    files = output_files(job, output, None, None)
+    for i, j in pairs if files.wants_maps else ():
+        flow = solve_measurement(Measurement(netlist, (nodes[j],), (1.0,), (nodes[i],), None))
+        if flow is not None:
+            files.write_tables(f"_{points[i]}_{points[j]}", netlist, flow.voltage, flow.node_current,
+                               flow.resistor_current)  # fmt: skip
+    return _finished(job, points, resistance, files)

@@ -1,0 +1,143 @@
+"""Focal points of a Circuitscape job: places, pairs to include or exclude, and strengths of sources."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.errors import InputError
+from resgrid.spice.networks.configurations import Configuration
+from resgrid.spice.networks.rasters import Raster, read_grid
+from resgrid.spice.read.files import read_text
+
+
+@dataclass(frozen=True, eq=False)
+class FocalPoints:
+    """Focal points or regions of a raster.
+
+    `ids` (k,): different numbers of the points, increasing; `cells`: for every point its flat cell indices, in column
+    order as in Circuitscape.
+    """
+
+    ids: NDArray[np.int64]
+    cells: tuple[NDArray[np.int64], ...]
+
+    @property
+    def has_regions(self) -> bool:
+        """Whether a focal point has several cells."""
+        return any(len(cells) > 1 for cells in self.cells)
+
+    def only(self, ids: NDArray[np.int64]) -> FocalPoints:
+        """Return the points whose numbers are among `ids`."""
+        kept = np.isin(self.ids, ids)
+        return FocalPoints(self.ids[kept], tuple(cells for cells, keep in zip(self.cells, kept, strict=True) if keep))
+
+
+def numbers_of(path: Path, columns: int | None, *, skip: int = 0) -> NDArray[np.float64]:
+    """Return the numbers of a text file, (rows, columns); raise InputError with the line of another word.
+
+    `columns`: number of numbers per line, None for that of the first line; `skip`: number of lines to leave out.
+    """
+    rows: list[list[float]] = []
+    for number, line in enumerate(read_text(path).split("\n")[skip:], skip + 1):
+        words = line.replace(",", " ").split()
+        if not words:
+            continue
+        try:
+            row = [float(word) for word in words]
+        except ValueError:
+            raise InputError(f"{path}:{number}: {line.strip()[:80]!r} does not consist of numbers") from None
+        count = columns or (len(rows[0]) if rows else len(row))
+        if len(row) != count or not np.isfinite(row).all():
+            raise InputError(f"{path}:{number}: expected {count} finite numbers, got {line.strip()[:80]!r}")
+        rows.append(row)
+    return np.array(rows, dtype=np.float64).reshape(len(rows), -1)
+
+
+def read_points(path: Path, habitat: Raster) -> FocalPoints:
+    """Return the focal points of a raster, or of a list of lines ``number x y``; raise InputError for a wrong place.
+
+    A cell with the number 0 or less, or an empty one, is no focal point.
+    """
+    rows, columns = habitat.cells.shape
+    if _is_raster(path):
+        other = read_grid(path).cells
+        if other.shape != habitat.cells.shape:
+            raise InputError(
+                f"{path} has {other.shape[0]} x {other.shape[1]} cells, but the habitat has {rows} x {columns}"
+            )
+        number = np.nan_to_num(other)
+        column, row = np.nonzero(number.T > 0)
+        ids = number[row, column]
+    else:
+        ids, x, y = numbers_of(path, 3).T
+        row = np.ceil(rows - (y - habitat.corner[1]) / habitat.size).astype(np.int64) - 1
+        column = np.ceil((x - habitat.corner[0]) / habitat.size).astype(np.int64) - 1
+        outside = (row < 0) | (column < 0) | (row >= rows) | (column >= columns)
+        if outside.any():
+            first = int(np.argmax(outside))
+            raise InputError(
+                f"{path}: focal point {ids[first]:g} at ({x[first]:g}, {y[first]:g}) is not on the habitat"
+            )
+        row, column, ids = row[ids > 0], column[ids > 0], ids[ids > 0]
+    if np.any(ids != np.rint(ids)):
+        raise InputError(f"{path}: the number of a focal point is not a whole number")
+    flat = row * columns + column
+    different = np.unique(ids)
+    return FocalPoints(different.astype(np.int64), tuple(flat[ids == one].astype(np.int64) for one in different))
+
+
+def _is_raster(path: Path) -> bool:
+    """Return whether a file is a GeoTIFF or an ASCII grid, and not a list of points."""
+    return path.suffix.lower() in (".tif", ".tiff") or read_text(path).lstrip()[:5].lower() == "ncols"
+
+
+def allowed_pairs(job: Configuration, ids: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """Return the numbers of the points that take part, and which pairs of them are measured, (k, k).
+
+    `ids` (n,): numbers of all points.  A file of pairs drops the points that it does not name, also in the mode
+    ``exclude``.
+    """
+    if not job.flag("use_included_pairs"):
+        return ids, ~np.eye(len(ids), dtype=np.bool_)
+    path = job.file("included_pairs_file")
+    head = read_text(path).split(None, 2)
+    if head[:1] == ["mode"] and len(head) > 1:
+        if head[1] not in ("include", "exclude"):
+            raise InputError(f"{path}:1: mode {head[1]!r} is neither include nor exclude")
+        listed = numbers_of(path, 2, skip=1).astype(np.int64)
+        named = np.unique(listed[listed != 0])
+        chosen = np.zeros((len(named), len(named)), dtype=np.bool_)
+        both = (listed != 0).all(axis=1)
+        first, second = np.searchsorted(named, listed[both]).T
+        chosen[first, second] = chosen[second, first] = True
+        included = chosen if head[1] == "include" else ~chosen
+    elif head[:1] == ["min"]:
+        lines = read_text(path).split("\n")
+        least, most = (float(line.split()[1]) for line in lines[:2])
+        table = numbers_of(path, None, skip=2)
+        named, value = table[1:, 0].astype(np.int64), table[1:, 1:]
+        if value.shape != (len(named), len(named)):
+            raise InputError(f"{path}: the table has {value.shape[0]} rows and {value.shape[1]} columns of values")
+        within = (value >= least) & (value <= most)
+        included = within | within.T
+        order = np.argsort(named)
+        named, included = named[order], included[np.ix_(order, order)]
+    else:
+        raise InputError(f"{path}: its first line is neither 'mode include', 'mode exclude' nor 'min' with a number")
+    kept = np.isin(named, ids)
+    if np.count_nonzero(kept) < 2:
+        raise InputError(f"{path}: fewer than two of its points are focal points; correct the numbers")
+    return named[kept], included[np.ix_(kept, kept)] & ~np.eye(int(kept.sum()), dtype=np.bool_)
+
+
+def strengths_of(job: Configuration, ids: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return the current of every focal point as a source in A, (k,); 1 A for points that the file does not name."""
+    amps = np.ones(len(ids))
+    if job.flag("use_variable_source_strengths"):
+        for number, value in numbers_of(job.file("variable_source_file"), 2):
+            amps[ids == number] = value
+    return amps

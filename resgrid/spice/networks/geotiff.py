@@ -1,0 +1,55 @@
+"""Reader and writer of GeoTIFF rasters, by the optional package rasterio."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid._internal.extras import install_command
+from resgrid._internal.files import atomic_path
+from resgrid.errors import InputError, ToolMissingError
+
+if TYPE_CHECKING:
+    from resgrid.spice.networks.rasters import Raster
+
+
+def _rasterio() -> Any:
+    """Return the module rasterio; raise ToolMissingError without it."""
+    try:
+        import rasterio
+    except ImportError as error:
+        raise ToolMissingError(f"GeoTIFF needs rasterio; type: {install_command('geotiff')} ({error})") from None
+    return rasterio
+
+
+def read_geotiff(path: Path) -> Raster:
+    """Return the first band of a GeoTIFF; raise InputError for another file or for cells that are not square."""
+    from resgrid.spice.networks.rasters import NODATA, Raster
+
+    rasterio = _rasterio()
+    try:
+        with rasterio.open(path) as source:
+            cells = source.read(1).astype(np.float64)
+            empty, transform, crs = source.nodata, source.transform, source.crs
+    except rasterio.errors.RasterioError as error:
+        raise InputError(f"{path} is not a readable GeoTIFF: {error}") from None
+    if transform.b or transform.d or not np.isclose(transform.a, -transform.e):
+        raise InputError(f"{path}: its cells are not square or the raster is rotated; resample it")
+    cells[(cells == NODATA) | (cells == (NODATA if empty is None else empty))] = np.nan
+    corner = (transform.c, transform.f + transform.e * len(cells))
+    return Raster(cells, corner, transform.a, {"transform": transform, "crs": crs})
+
+
+def write_geotiff(path: Path, cells: NDArray[np.float64], raster: Raster) -> Path:
+    """Write cells (rows, columns) in single precision with the georeference of another raster; return the file."""
+    rasterio = _rasterio()
+    rows, columns = cells.shape
+    with atomic_path(path) as temporary, rasterio.open(
+        temporary, "w", driver="GTiff", height=rows, width=columns, count=1, dtype="float32", nodata=-9999.0,
+        **dict(raster.profile or {}),
+    ) as target:  # fmt: skip
+        target.write(cells.astype(np.float32), 1)
+    return path

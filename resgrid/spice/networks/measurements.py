@@ -1,0 +1,85 @@
+"""Single solutions of Circuitscape jobs: currents from sources to grounds through a network."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.circuit.driven_pairs import currents_between_groups, through_nodes
+from resgrid.circuit.linear import solve_linear
+from resgrid.core.netlist import GROUND, Netlist
+from resgrid.core.regions import label_components
+
+UNCONNECTED = -1.0
+"""Resistance, in Circuitscape's files, of a pair that is not connected or was left out."""
+
+
+class Measurement(NamedTuple):
+    """One solution of a job.
+
+    `netlist`: circuit without sources, node 0 without elements for rasters; `sources`: nodes of the sources; `amps`:
+    their currents in A; `ground`: nodes at 0 V; `node`: node of every cell, -1 for none, None in a network.
+    """
+
+    netlist: Netlist
+    sources: tuple[int, ...]
+    amps: tuple[float, ...]
+    ground: tuple[int, ...]
+    node: NDArray[np.int64] | None
+
+
+class Flow(NamedTuple):
+    """Values of one solution.
+
+    `resistance`: voltage of the first source divided by its current, in ohms, -1 without a connection; `voltage`,
+    `node_current` (nodes,): in V and A, 0 in other components; `resistor_current` (resistors,): in A.
+    """
+
+    resistance: float
+    voltage: NDArray[np.float64]
+    node_current: NDArray[np.float64]
+    resistor_current: NDArray[np.float64]
+
+
+def solve_measurement(measured: Measurement) -> Flow | None:
+    """Return the solution of a measurement; None if no source is connected to ground, or all currents are 0."""
+    netlist = measured.netlist
+    part = label_components(netlist.resistor_nodes, netlist.node_count)
+    grounds = [node for node in measured.ground if node >= 0]
+    grounded = {int(part[node]) for node in grounds}
+    driven = [
+        (node, amps)
+        for node, amps in zip(measured.sources, measured.amps, strict=True)
+        if node >= 0 and amps and int(part[node]) in grounded
+    ]
+    if not driven:
+        return None
+    if len(driven) == 1:
+        return _from_one_source(netlist, *driven[0], grounds)
+    place = np.arange(netlist.node_count)
+    place[[GROUND, grounds[0]]] = grounds[0], GROUND
+    driven_netlist = Netlist(
+        netlist.node_count,
+        place[netlist.resistor_nodes].astype(np.int32),
+        netlist.conductance,
+        current_nodes=np.array([[GROUND, place[node]] for node, _ in driven], dtype=np.int32),
+        current_amps=np.array([amps for _, amps in driven]),
+    )
+    point = solve_linear(driven_netlist, accuracy="direction", method="auto", rtol=1e-10)
+    voltage = np.nan_to_num(point.voltage[place])
+    through = through_nodes(netlist.resistor_nodes, point.resistor_current, netlist.node_count)
+    node, amps = driven[0]
+    return Flow(float(voltage[node] / amps), voltage, through, point.resistor_current)
+
+
+def _from_one_source(netlist: Netlist, source: int, amps: float, grounds: list[int]) -> Flow:
+    """Return the solution with one source of `amps` amperes at a node, and some nodes at 0 V."""
+    group = np.arange(netlist.node_count)
+    group[grounds] = grounds[0]
+    _, group = np.unique(group, return_inverse=True)
+    flow = currents_between_groups(netlist, group, int(group[source]), int(group[grounds[0]]), amps=abs(amps))
+    sign = float(np.sign(amps))
+    through = through_nodes(netlist.resistor_nodes, flow.resistor_current, netlist.node_count)
+    return Flow(flow.resistance, sign * np.nan_to_num(flow.voltage), through, sign * flow.resistor_current)

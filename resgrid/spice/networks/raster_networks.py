@@ -1,0 +1,120 @@
+"""Networks of rasters by Circuitscape's rules: conductances of cells, nodes, and resistors between neighbours.
+
+McRae, Shah & Edelman (2016) and the source of Circuitscape.jl.  The resistor between neighbouring cells has the mean of
+their resistances, or the mean of their conductances; the distance of diagonal neighbours is sqrt(2).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.errors import InputError
+from resgrid.spice.networks.configurations import Configuration
+from resgrid.spice.networks.edges import Measure
+from resgrid.spice.networks.rasters import read_raster
+
+
+def raster_of(job: Configuration, key: str, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """Return the cells of the raster that a key names, shape (rows, columns), NaN for empty cells.
+
+    `shape`: shape of the habitat file.  Raises InputError if the raster has another shape.
+    """
+    other = read_raster(job.file(key))
+    if other.shape != shape:
+        sizes = (f"{rows} x {columns} cells" for rows, columns in (other.shape, shape))
+        raise InputError(f"{job.file(key)} has {next(sizes)}, but the habitat has {next(sizes)}")
+    return other
+
+
+def conductance_and_polygons(job: Configuration) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the conductance of every cell in S, and the number of its polygon, (rows, columns) each; 0 for none.
+
+    Cells that the mask removes have no conductance.  Raises InputError if no cell remains, or for a polygon whose
+    number is not whole.
+    """
+    conductance = habitat_conductance(job)
+    if job.flag("use_mask"):
+        conductance = np.where(raster_of(job, "mask_file", conductance.shape) > 0, conductance, 0.0)
+        if not conductance.any():
+            raise InputError(f"{job.file('mask_file')} removes all cells of the habitat; only cells above 0 are kept")
+    polygon = np.zeros(conductance.shape)
+    if job.flag("use_polygons"):
+        polygon = np.nan_to_num(raster_of(job, "polygon_file", conductance.shape))
+        if np.any(polygon != np.rint(polygon)):
+            raise InputError(f"{job.file('polygon_file')}: the number of a polygon is not a whole number")
+    return conductance, polygon
+
+
+def habitat_conductance(job: Configuration) -> NDArray[np.float64]:
+    """Return the conductance of every cell of the habitat file in S, shape (rows, columns), 0 for an empty cell.
+
+    `job`: the configuration.  Raises InputError for a negative value and for 0 ohm.
+    """
+    path = job.file("habitat_file")
+    habitat, measure = read_raster(path), job.measure("habitat_map_is_resistances")
+    wrong = (habitat < 0) | ((habitat == 0) & (measure == "resistance"))
+    if wrong.any():
+        row, column = np.argwhere(wrong)[0].tolist()
+        raise InputError(
+            f"{path}: the cell in row {row}, column {column} (from 0) has a {measure} of {habitat[row, column]:g}; "
+            "define regions without resistance as short-circuit polygons"
+        )
+    return siemens_of(habitat, measure)
+
+
+def siemens_of(cells: NDArray[np.float64], measure: Measure) -> NDArray[np.float64]:
+    """Return the conductance of every cell in S, shape (rows, columns); 0 for an empty cell, which is NaN in `cells`.
+
+    `cells` (rows, columns): values of the raster; `measure`: their quantity, "resistance" (in ohms) or "conductance"
+    (S).
+    """
+    with np.errstate(divide="ignore"):
+        return np.where(np.isnan(cells), 0.0, cells if measure == "conductance" else 1.0 / cells)
+
+
+def number_cells(conductance: NDArray[np.float64], polygon: NDArray[np.float64]) -> tuple[NDArray[np.int64], list[str]]:
+    """Return the node number of every cell, (rows, columns), -1 for none, and the names of the nodes, ground first.
+
+    A polygon with a conducting cell is one node, which its empty cells belong to.  `conductance` (rows, columns): in S,
+    0 for an empty cell; `polygon` (rows, columns): number of the cell's polygon, 0 for none.
+    """
+    conducts = conductance > 0
+    cell = np.arange(conductance.size).reshape(conductance.shape)
+    leader = np.where(conducts, cell, -1)
+    for region in np.unique(polygon[(polygon != 0) & conducts]).tolist():
+        members = polygon == region
+        leader[members] = cell[members & conducts].min()
+    leaders, node = np.unique(leader[leader >= 0], return_inverse=True)
+    numbers = np.full(conductance.shape, -1, dtype=np.int64)
+    numbers[leader >= 0] = node + 1
+    columns = conductance.shape[1]
+    return numbers, ["ground", *(f"r{one // columns}_c{one % columns}" for one in leaders.tolist())]
+
+
+def links_between(
+    conductance: NDArray[np.float64], node: NDArray[np.int64], *, mean_resistance: bool, diagonals: bool
+) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
+    """Return the resistors between neighbouring cells: nodes, shape (n, 2), and conductances in S, shape (n,).
+
+    `conductance` (rows, columns): of the cells, in S; `node` (rows, columns): node numbers, -1 for none;
+    `mean_resistance`: whether the mean of the resistances is used instead of the mean of the conductances; `diagonals`:
+    whether diagonal neighbours are joined.  An empty cell of a polygon has 0 S; it is joined to a conducting neighbour
+    with the mean of the conductances, but not with the mean of the resistances, which would be infinite.
+    """
+    steps: list[tuple[Any, Any, float]] = [(np.s_[:, :-1], np.s_[:, 1:], 1.0), (np.s_[:-1], np.s_[1:], 1.0)]
+    if diagonals:
+        far = float(np.sqrt(2.0))
+        steps += [(np.s_[:-1, :-1], np.s_[1:, 1:], far), (np.s_[1:, :-1], np.s_[:-1, 1:], far)]
+    pairs: list[NDArray[np.int64]] = []
+    values: list[NDArray[np.float64]] = []
+    for here, there, distance in steps:
+        a, b = node[here].ravel(), node[there].ravel()
+        x, y = conductance[here].ravel(), conductance[there].ravel()
+        joins = (a > 0) & (b > 0) & (a != b) & ((x > 0) & (y > 0) if mean_resistance else (x > 0) | (y > 0))
+        x, y = x[joins], y[joins]
+        pairs.append(np.stack([a[joins], b[joins]], axis=1))
+        values.append((2.0 / (1.0 / x + 1.0 / y) if mean_resistance else (x + y) / 2.0) / distance)
+    return np.concatenate(pairs).astype(np.int32), np.concatenate(values)

@@ -1,0 +1,105 @@
+"""``resgrid resistance``: decks, networks, scenes, Circuitscape jobs, files and rejected inputs."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.cli import ROOM, call
+
+import resgrid as rg
+
+DECK = "a ladder\nv1 vdd 0 1.8\nr1 vdd a 10\nr2 a b 10\nrload b 0 1k\nr9 c d 5\n.op\n.end\n"
+
+
+@pytest.fixture(autouse=True)
+def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with a deck, an edge list, a scene and a Circuitscape job."""
+    monkeypatch.chdir(tmp_path)
+    Path("deck.sp").write_text(DECK)
+    Path("edges.txt").write_text("a b 1\nb c 1\nc a 1\n")
+    Path("room.toml").write_text(ROOM)
+    Path("habitat.asc").write_text("ncols 3\nnrows 1\nxllcorner 0\nyllcorner 0\ncellsize 1\n1 1 3\n")
+    Path("points.txt").write_text("1 0.5 0.5\n2 2.5 0.5\n")
+    Path("job.ini").write_text(
+        "scenario = pairwise\nhabitat_file = habitat.asc\nhabitat_map_is_resistances = True\n"
+        "connect_using_avg_resistances = True\npoint_file = points.txt\noutput_file = job.out\n"
+    )
+    return tmp_path
+
+
+def test_pairs_of_a_deck_with_sources_as_wires() -> None:
+    """The supply is a wire between vdd and ground: a sees 10 ohm in parallel with 1010 ohm."""
+    result = call("resistance", "deck.sp", "--between", "a", "vdd", "--between", "a b", "0", "--json")
+    assert result.exit_code == 0
+    pairs = json.loads(result.stdout)["pairs"]
+    assert pairs[0]["resistance"] == pytest.approx(1 / (1 / 10 + 1 / 1010))
+    assert pairs[1]["resistance"] == pytest.approx(1 / (1 / 10 + 1 / 1000))
+    text = call("resistance", "deck.sp", "--between", "a", "vdd").stdout
+    assert "a - vdd  9.901960784 ohm" in text
+
+
+def test_all_pairs_and_files(desk: Path) -> None:
+    result = call("resistance", "edges.txt", "--between", "a", "b", "--between", "c", "a", "--all", "-o", "r.csv")
+    assert result.exit_code == 0
+    lines = Path("r.csv").read_text().splitlines()
+    assert lines[0] == "first,second,resistance" and len(lines) == 4
+    assert [float(line.split(",")[2]) for line in lines[1:]] == pytest.approx([2 / 3] * 3)
+    assert call("resistance", "edges.txt", "--between", "a", "b", "-o", "r.json").exit_code == 0
+    assert json.loads(Path("r.json").read_text())["pairs"][0]["resistance"] == pytest.approx(2 / 3)
+    assert call("resistance", "edges.txt", "--between", "a", "b", "-o", "r.npz").exit_code == 0
+    with np.load("r.npz") as arrays:
+        assert arrays["matrix"][0, 1] == pytest.approx(2 / 3)
+
+
+def test_an_unconnected_pair_is_a_negative_answer() -> None:
+    result = call("resistance", "deck.sp", "--between", "a", "c", "--json")
+    assert result.exit_code == 1
+    assert json.loads(result.stdout)["pairs"][0] == {
+        "first": "a", "second": "c", "resistance": None, "connected": False,
+    }  # fmt: skip
+    assert "not connected" in call("resistance", "deck.sp", "--between", "a", "c").stdout
+
+
+def test_places_of_a_scene() -> None:
+    words = ("room.toml", "--boundary", "neumann", "--resistance", "1")
+    world = json.loads(call("resistance", *words, "--between", "0.5,0.5", "2.5,3.5", "--json").stdout)
+    cells = json.loads(call("resistance", *words, "--cells", "--between", "0,0", "2,3", "--json").stdout)
+    names = json.loads(call("resistance", *words, "--between", "n_0_0", "n_2_3", "--json").stdout)
+    assert world["pairs"] == cells["pairs"] == names["pairs"]
+    netlist = rg.compile_space(rg.build_space(rg.read_scene("room.toml")), boundary="neumann", resistance=1.0)
+    expected = rg.effective_resistance(netlist, [((0, 0), (2, 3))], cells=True).resistance[0]
+    assert world["pairs"][0]["resistance"] == pytest.approx(expected, rel=1e-12)
+
+
+def test_a_circuitscape_job() -> None:
+    result = call("resistance", "job.ini", "-o", "there", "--json")
+    assert result.exit_code == 0
+    data = json.loads(result.stdout)
+    assert data["resistance"] == [[0.0, 3.0], [3.0, 0.0]] and data["scenario"] == "pairwise"
+    assert sorted(file.name for file in Path("there").iterdir()) == [
+        "job_resistances.out", "job_resistances_3columns.out",
+    ]  # fmt: skip
+    text = call("resistance", "job.ini").stdout
+    assert "1 - 2  3 ohm" in text and Path("job_resistances.out").is_file()
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["deck.sp"], "no pair is given: add --between A B"),
+        (["deck.sp", "--between", "a", "zz"], "the circuit has no node 'zz'"),
+        (["deck.sp", "--between", "a", "b", "-o", "r.txt"], "cannot write effective resistances as 'r.txt'"),
+        (["room.toml", "--between", "1,2,3", "4,4"], "--between 1,2,3: a place of this scene has 2 coordinates"),
+        (["room.toml", "--cells", "--between", "1.5,2", "4,4"], "give whole numbers"),
+        (["job.ini", "--between", "1", "2"], "leave --between out"),
+        (["wrong.ini"], "Circuitscape has no key 'scenari'; did you mean 'scenario'?"),
+        (["missing.ini"], "missing.ini"),
+    ],
+)
+def test_rejected_inputs(words: list[str], message: str) -> None:
+    Path("wrong.ini").write_text("scenari = pairwise\n")
+    result = call("resistance", *words)
+    assert result.exit_code == 2 and message in result.stderr
