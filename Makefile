@@ -1,5 +1,5 @@
 # make demo    install into .venv and run the shipped example, which compiles the kernels that it needs
-# make test    install the requirements of the tests (ngspice, Chromium, PETSc), compile all kernels, and run the tests
+# make test    install the requirements of the tests (ngspice, Chromium, KiCad, PETSc), compile all kernels, and run the tests
 # make warm    compile all kernels on all cores
 # make targets run the numerical tests with code for other processors (plain x86-64, and AVX-512 if available)
 # make check   check lint, formatting, types (also of the live page's modules), import contracts and vague words
@@ -46,6 +46,7 @@ demo: $(INSTALLED)
 test: $(INSTALLED_DEV) warm
 	scripts/install_ngspice.sh
 	scripts/install_chromium.sh
+	scripts/unpack_kicad.sh .venv-kicad
 	scripts/install_petsc.sh || true
 	$(BIN)/python -m pytest -n $(JOBS)
 
@@ -93,6 +94,7 @@ golden: $(INSTALLED)
 
 docs: $(INSTALLED_DOCS) warm
 	scripts/install_ngspice.sh
+	scripts/unpack_kicad.sh .venv-kicad || true
 	rm -rf docs/_build docs/gallery docs/reference/api/names
 	$(BIN)/python -m sphinx -q -W --keep-going -d docs/_build/doctrees -b html docs docs/_build/html
 	@echo "the site is docs/_build/html/index.html"
@@ -108,7 +110,7 @@ versions:
 	PYTHON=$(PYTHON) scripts/check_versions.sh $(VERSIONS)
 
 clean:
-	rm -rf $(VENV) $(BENCH_VENV) .venv-versions docs/_build docs/gallery docs/reference/api/names docs/jupyter_execute out build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) $(BENCH_VENV) .venv-kicad .venv-versions docs/_build docs/gallery docs/reference/api/names docs/jupyter_execute out build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(CREATED):

@@ -15,9 +15,9 @@ from resgrid.control.run_log import Run
 from resgrid.core.netlist import Netlist
 from resgrid.errors import InputError
 from resgrid.hardware.board import Board
-from resgrid.io.boards import save_board
 from resgrid.hardware.layout import Layout
 from resgrid.hardware.layout_files import write_layout
+from resgrid.io.boards import save_board
 from resgrid.io.leg_paths import write_leg_path
 from resgrid.io.networks import write_network
 from resgrid.io.paths import write_path
