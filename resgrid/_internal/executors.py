@@ -93,6 +93,25 @@ def renewed(executor: Executor) -> Executor | None:
     return None
 
 
+def has_no_workers(executor: Executor) -> bool:
+    """Return whether the scheduler of a dask executor reports that it has no workers; False for other executors."""
+    if type(executor).__module__ != "distributed.cfexecutor":
+        return False
+    try:
+        return not executor._client.nthreads()  # type: ignore[attr-defined]
+    except OSError:  # dask then cancels the tasks itself
+        return False
+
+
+def is_lost_by_dask(error: BaseException) -> bool:
+    """Return whether `error` means that dask lost a task: dask then fails to unpack the empty answer."""
+    trace = error.__traceback__
+    while trace is not None and trace.tb_next is not None:
+        trace = trace.tb_next
+    place = "" if trace is None else trace.tb_frame.f_globals.get("__name__", "")
+    return isinstance(error, ValueError) and "to unpack" in str(error) and place == "distributed.cfexecutor"
+
+
 @contextmanager
 def _processes(count: int) -> Iterator[Executor]:
     """Yield a pool of `count` new (spawned) processes, and end the processes with the block or with this process."""

@@ -31,7 +31,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from resgrid._internal.executors import renewed
+from resgrid._internal.executors import has_no_workers, is_lost_by_dask, renewed
 from resgrid.errors import InputError, WorkerError
 
 _SECONDS = 1.0
@@ -48,6 +48,12 @@ _AHEAD = 16
 
 _MAX_DEATHS = 3
 """Number of worker deaths during a task at which the task fails; after one death less no other task runs beside it."""
+
+_POLL_SECONDS = 10.0
+"""Time without a finished task after which the workers of the executor are counted, in seconds."""
+
+_NO_WORKERS_SECONDS = 300.0
+"""Maximum time for which a dask scheduler that has lost all its workers may stay without workers, in seconds."""
 
 _LOST = frozenset({"WorkerLost", "ManagerLost"})
 """Class names of the parsl exceptions that report the death of a worker."""
@@ -235,12 +241,13 @@ class _Scheduler:
         self._submitted: dict[Future[Any], _Task] = {}
         self._retries: deque[_Task] = deque()
         self._early: dict[int, Results | Exception] = {}
+        self._has_received = False
 
     def results(self) -> Iterator[Any]:
         """Yield the results of all items in the order of the items; raise the exception of a task at its position."""
         due = 0
         while self._fill():
-            for future in wait(self._submitted, return_when=FIRST_COMPLETED).done:
+            for future in self._finished():
                 if future in self._submitted:  # unless the pool broke in the meantime
                     self._receive(future)
             while due in self._early:
@@ -273,8 +280,26 @@ class _Scheduler:
                 self._submitted[future] = task
         return bool(self._submitted)
 
+    def _finished(self) -> set[Future[Any]]:
+        """Wait for finished tasks and return their futures; raise WorkerError if dask has lost all workers for good.
+
+        Dask does not restart a worker that dies while it starts, and it keeps the tasks of lost workers forever.  A
+        scheduler whose first workers have not yet arrived, as in the queue of a cluster, has no limit.
+        """
+        begin = time.perf_counter()
+        while not (done := wait(self._submitted, timeout=_POLL_SECONDS, return_when=FIRST_COMPLETED).done):
+            if not (self._has_received and has_no_workers(self._executor)):
+                begin = time.perf_counter()
+            elif time.perf_counter() - begin >= _NO_WORKERS_SECONDS:
+                raise WorkerError(
+                    f"the dask scheduler lost all its workers, and no other arrived within {_NO_WORKERS_SECONDS:g} s; "
+                    "start workers with: dask worker, and continue the run from its checkpoint"
+                )
+        return done
+
     def _receive(self, future: Future[Any]) -> None:
         """Store the result or exception of a finished task, or schedule the task again if its worker failed."""
+        self._has_received = True
         task = self._submitted.pop(future)
         error = CancelledError() if future.cancelled() else future.exception()
         if error is None and (answer := future.result()) is None:
@@ -290,7 +315,7 @@ class _Scheduler:
         elif isinstance(error, BrokenExecutor):
             self._retry(task, error)
             self._renew(error)
-        elif type(error).__name__ in _LOST or _is_lost_by_dask(error):
+        elif type(error).__name__ in _LOST or is_lost_by_dask(error):
             self._retry(task, error)
         elif type(error).__name__ == "KilledWorker":  # dask has already retried the task
             task.deaths = max(task.deaths, _MAX_DEATHS - 2)
@@ -331,15 +356,6 @@ class _Scheduler:
             with contextlib.suppress(NotImplementedError):  # parsl cannot cancel tasks
                 future.cancel()
         self._shut_down()
-
-
-def _is_lost_by_dask(error: BaseException) -> bool:
-    """Return whether `error` means that dask lost a task: dask then fails to unpack the empty answer."""
-    trace = error.__traceback__
-    while trace is not None and trace.tb_next is not None:
-        trace = trace.tb_next
-    place = "" if trace is None else trace.tb_frame.f_globals.get("__name__", "")
-    return isinstance(error, ValueError) and "to unpack" in str(error) and place == "distributed.cfexecutor"
 
 
 def _executor_failed(executor: Executor, reason: object) -> WorkerError:

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from distributed import LocalCluster
 from hypothesis import given, settings, strategies as st
 from support.executors import Shuffled, deadly_sums, dying_sums, failing_sums, slow_sums, squared, sums, two_workers
 
@@ -72,6 +73,26 @@ def test_items_that_kill_every_worker_raise_worker_error_with_their_range(kind: 
     words = str(caught.value).split()
     first, last = (int(words[words.index("chips") + k]) for k in (1, 3))
     assert first <= 7 <= last
+
+
+def test_a_dask_scheduler_without_workers_raises_worker_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("resgrid._internal.parallel._POLL_SECONDS", 0.05)
+    monkeypatch.setattr("resgrid._internal.parallel._NO_WORKERS_SECONDS", 0.5)
+    with (
+        LocalCluster(
+            n_workers=1,
+            processes=False,
+            protocol="tcp://",
+            dashboard_address=None,
+            scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
+        ) as cluster,
+        rg.open_executor(cluster.scheduler_address.replace("tcp", "dask")) as executor,
+    ):
+        results = in_order([JobPart(slow_sums, {"offset": 0}, range(10_000))], executor)
+        assert next(results) == 0
+        cluster.scale(0)
+        with pytest.raises(rg.WorkerError, match=r"lost all its workers, and no other arrived within 0\.5 s"):
+            list(results)
 
 
 def test_a_task_that_fails_inside_dask_is_sent_again() -> None:
@@ -192,7 +213,7 @@ def test_the_number_of_submitted_tasks_grows_until_all_workers_are_busy(monkeypa
             future.set_result((list(items), 1000.0))
             return future
 
-    def first(flying: dict[Future[Any], Any], return_when: str) -> Any:
+    def first(flying: dict[Future[Any], Any], **_limits: object) -> Any:
         nonlocal most
         most = max(most, len(flying))
         return SimpleNamespace(done={next(iter(flying))})
