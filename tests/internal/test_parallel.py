@@ -223,17 +223,16 @@ def test_the_number_of_submitted_tasks_grows_until_all_workers_are_busy(monkeypa
     assert most >= 20
 
 
-def test_spread_gives_the_same_plans_and_paths_in_worker_processes(scenes: Path) -> None:
+def test_spread_gives_the_same_plans_and_paths_in_worker_processes(scenes: Path, processes: Executor) -> None:
     maps = [rg.read_scene(scenes / name) for name in ("lesson.toml", "rooms.toml")]
     planners = list(rg.spread(rg.plan, maps))
     starts = planners[1].space.centre(np.argwhere(planners[1].space.goal_connected)[::500])
     here = [planners[1].path(start).length for start in starts]
-    with rg.open_executor("processes:1") as executor:
-        shapes = [planner.space.shape for planner in rg.spread(rg.plan, maps, executor=executor)]
-        there = [path.length for path in rg.spread(_path, starts, planners[1], executor=executor)]
-        assert list(rg.spread(squared, [1, 2, 3], 10, executor=executor)) == [11, 14, 19]
-        with pytest.raises(rg.InputError, match="cannot be pickled for worker"):
-            list(rg.spread(squared, [1], lambda: 0, executor=executor))
+    shapes = [planner.space.shape for planner in rg.spread(rg.plan, maps, executor=processes)]
+    there = [path.length for path in rg.spread(_path, starts, planners[1], executor=processes)]
+    assert list(rg.spread(squared, [1, 2, 3], 10, executor=processes)) == [11, 14, 19]
+    with pytest.raises(rg.InputError, match="cannot be pickled for worker"):
+        list(rg.spread(squared, [1], lambda: 0, executor=processes))
     assert shapes == [planner.space.shape for planner in planners]
     assert there == here
 
