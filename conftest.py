@@ -1,15 +1,34 @@
 """What the examples in docstrings take for granted: `np`, `rg`, and the project's folder."""
 
+import gc
 import os
+import sys
+from collections.abc import Generator
 from pathlib import Path
 
 # Workers of pytest-xdist fill all cores: threads of OpenBLAS would wait for each other.  Set before numpy is loaded.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+# Each of the many processes that tests start would compile all modules again, a quarter of its time.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+
 import numpy as np
 import pytest
 
 import resgrid as rg
+
+sys.dont_write_bytecode = False  # keep the rewritten assertions for later runs
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, object, object]:
+    """Search for garbage after collection only, and not in the half a million objects that stay until the end."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

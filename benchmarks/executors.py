@@ -51,6 +51,7 @@ def opened(name: str, workers: int, folder: Path) -> Iterator[Executor | None]:
             LocalCluster(
                 n_workers=workers, threads_per_worker=1, dashboard_address=None, scheduler_kwargs=free_port
             ) as cluster,
+            _replaced(cluster, workers),
             open_executor(cluster.scheduler_address.replace("tcp", "dask")) as executor,
         ):
             yield executor
@@ -60,6 +61,13 @@ def opened(name: str, workers: int, folder: Path) -> Iterator[Executor | None]:
         words = {"processes": f"processes:{workers}", "mpi": "mpi", "parsl": f"parsl:{config}"}
         with open_executor(words[name]) as executor:
             yield executor
+
+
+@contextmanager
+def _replaced(cluster: Any, workers: int) -> Iterator[None]:
+    """Let a dask cluster replace each dead worker, also one that dies before its nanny knows that it has started."""
+    cluster.adapt(minimum=workers, maximum=workers)
+    yield
 
 
 def run(name: str, workers: int, count: int, side: int, file: Path) -> dict[str, float]:

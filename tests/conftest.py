@@ -1,5 +1,6 @@
 import signal
 from collections.abc import Iterator
+from concurrent.futures import Executor
 from pathlib import Path
 
 import pytest
@@ -24,6 +25,15 @@ def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("RESGRID_CACHE", str(tmp_path_factory.mktemp("cache")))
         yield
+
+
+@pytest.fixture(scope="session")
+def processes() -> Iterator[Executor]:
+    """Two worker processes, started once; a forked process could wait forever for a lock of another thread."""
+    import resgrid as rg
+
+    with rg.open_executor("processes:2") as executor:
+        yield executor
 
 
 @pytest.fixture(scope="session")

@@ -71,9 +71,9 @@ def _map(folder: Path) -> None:
     """Write a ROS map: a room of 14 x 10 m around the origin, with a wall."""
     rows = np.full((20, 28), 254, dtype=np.uint8)
     rows[5:15, 12:14] = 0
-    Image.fromarray(rows).save(folder / "map.png")
+    Image.fromarray(rows).save(folder / "room.png")  # a shown command writes map.png
     keys = "resolution: 0.5\norigin: [-7, -5, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.25\n"
-    (folder / "map.yaml").write_text(f"image: map.png\n{keys}")
+    (folder / "map.yaml").write_text(f"image: room.png\n{keys}")
 
 
 def _recording(folder: Path) -> None:

@@ -99,6 +99,15 @@ def renewed(executor: Executor) -> Executor | None:
     return None
 
 
+def is_lost_by_dask(error: BaseException) -> bool:
+    """Return whether `error` means that dask lost a task: dask then fails to unpack the empty answer."""
+    trace = error.__traceback__
+    while trace is not None and trace.tb_next is not None:
+        trace = trace.tb_next
+    place = "" if trace is None else trace.tb_frame.f_globals.get("__name__", "")
+    return isinstance(error, ValueError) and "to unpack" in str(error) and place == "distributed.cfexecutor"
+
+
 @contextmanager
 def _processes(count: int) -> Iterator[Executor]:
     """Yield a pool of `count` new (spawned) processes, and end the processes with the block or with this process."""

@@ -28,7 +28,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from resgrid._internal.executors import DaskExecutor, renewed
+from resgrid._internal.executors import DaskExecutor, is_lost_by_dask, renewed
 from resgrid._internal.interrupts import interrupts_deferred
 from resgrid._internal.shared_data import SharedData, packed, unpacked
 from resgrid.errors import WorkerError
@@ -48,7 +48,7 @@ _AHEAD = 16
 _MAX_DEATHS = 3
 """Number of worker deaths during a task at which the task fails; after one death less no other task runs beside it."""
 
-_SECONDS_WITHOUT_WORKERS = 120.0
+_SECONDS_WITHOUT_WORKERS = 300.0
 """Waiting time for a new worker after all workers of a dask scheduler have gone, in seconds; then the job fails."""
 
 _SECONDS_BETWEEN_COUNTS = 5.0
@@ -314,7 +314,7 @@ class _Scheduler:
         elif isinstance(error, BrokenExecutor):
             self._retry(task, error)
             self._renew(error)
-        elif type(error).__name__ in _LOST or _is_lost_by_dask(error):
+        elif type(error).__name__ in _LOST or is_lost_by_dask(error):
             self._retry(task, error)
         elif type(error).__name__ == "KilledWorker":  # dask has already retried the task
             task.deaths = max(task.deaths, _MAX_DEATHS - 2)
@@ -356,15 +356,6 @@ class _Scheduler:
                 with contextlib.suppress(NotImplementedError):  # parsl cannot cancel tasks
                     future.cancel()
             self._shut_down()
-
-
-def _is_lost_by_dask(error: BaseException) -> bool:
-    """Return whether `error` means that dask lost a task: dask then fails to unpack the empty answer."""
-    trace = error.__traceback__
-    while trace is not None and trace.tb_next is not None:
-        trace = trace.tb_next
-    place = "" if trace is None else trace.tb_frame.f_globals.get("__name__", "")
-    return isinstance(error, ValueError) and "to unpack" in str(error) and place == "distributed.cfexecutor"
 
 
 def _executor_failed(executor: Executor, reason: object) -> WorkerError:

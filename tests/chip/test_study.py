@@ -57,9 +57,10 @@ def test_every_analysis_returns_figures_with_text_html_and_json(made: rg.chip.St
     assert all(isinstance(figure, rg.chip.Figure) and len(figure.definition) > 20 for figure in result.figures.values())
     assert "array" not in repr(result)
     assert len(repr(result)) < 1000
+    page, data = result._repr_html_(), result.to_json()
     for name, figure in result.figures.items():
-        assert f"<td>{name.replace('_', ' ')}</td>\n<td>{figure}</td>" in result._repr_html_()
-        assert result.to_json()[name]["value"] == figure.value
+        assert f"<td>{name.replace('_', ' ')}</td>\n<td>{figure}</td>" in page
+        assert data[name]["value"] == figure.value
     with pytest.raises(ValueError, match="read-only"):
         next(value for value in vars(result).values() if isinstance(value, np.ndarray) and value.size)[...] = 0
 

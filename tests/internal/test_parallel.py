@@ -18,11 +18,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from distributed import LocalCluster
 from hypothesis import given, settings, strategies as st
 from support.executors import Shuffled, deadly_sums, dying_sums, failing_sums, slow_sums, squared, sums, two_workers
 
 import resgrid as rg
-from resgrid._internal.executors import DaskExecutor
 from resgrid._internal.parallel import JobPart, in_order
 
 REAL = ["processes", "forkserver", "loky", "dask"]
@@ -82,29 +82,25 @@ def test_items_that_kill_every_worker_raise_worker_error_with_their_range(
 
 
 def test_a_dask_scheduler_that_loses_all_workers_raises_worker_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    class Client:
-        """Scheduler with one worker, which is gone after the first task."""
-
-        asked = 0
-
-        def get_executor(self, **_options: bool) -> Executor:
-            return Deserted(1)
-
-        def nthreads(self) -> dict[str, int]:
-            self.asked += 1
-            return {"worker": 1} if self.asked < 3 else {}
-
-    class Deserted(ThreadPoolExecutor):
-        def submit(self, *_given: Any, **_options: Any) -> Future[Any]:
-            return Future()
-
-    monkeypatch.setattr("resgrid._internal.parallel._SECONDS_BETWEEN_COUNTS", 0.01)
-    monkeypatch.setattr("resgrid._internal.parallel._SECONDS_WITHOUT_WORKERS", 0.1)
+    monkeypatch.setattr("resgrid._internal.parallel._SECONDS_BETWEEN_COUNTS", 0.05)
+    monkeypatch.setattr("resgrid._internal.parallel._SECONDS_WITHOUT_WORKERS", 0.5)
     with (
-        DaskExecutor(Client()) as executor,
-        pytest.raises(rg.WorkerError, match=r"all workers of the dask scheduler have gone.*checkpoint"),
+        LocalCluster(
+            n_workers=1,
+            processes=False,
+            protocol="tcp://",
+            dashboard_address=None,
+            scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
+        ) as cluster,
+        rg.open_executor(cluster.scheduler_address.replace("tcp", "dask")) as executor,
     ):
-        list(in_order([JobPart(sums, {"offset": 1}, range(3))], executor))
+        results = in_order([JobPart(slow_sums, {"offset": 0}, range(10_000))], executor)
+        assert next(results) == 0
+        cluster.scale(0)
+        with pytest.raises(
+            rg.WorkerError, match=r"all workers of the dask scheduler have gone, and none came in 0\.5 s"
+        ):
+            list(results)
 
 
 def test_a_task_that_fails_inside_dask_is_sent_again() -> None:
@@ -236,17 +232,16 @@ def test_the_number_of_submitted_tasks_grows_until_all_workers_are_busy(monkeypa
     assert most >= 20
 
 
-def test_spread_gives_the_same_plans_and_paths_in_worker_processes(scenes: Path) -> None:
+def test_spread_gives_the_same_plans_and_paths_in_worker_processes(scenes: Path, processes: Executor) -> None:
     maps = [rg.read_scene(scenes / name) for name in ("lesson.toml", "rooms.toml")]
     planners = list(rg.spread(rg.plan, maps))
     starts = planners[1].space.centre(np.argwhere(planners[1].space.goal_connected)[::500])
     here = [planners[1].path(start).length for start in starts]
-    with rg.open_executor("processes:1") as executor:
-        shapes = [planner.space.shape for planner in rg.spread(rg.plan, maps, executor=executor)]
-        there = [path.length for path in rg.spread(_path, starts, planners[1], executor=executor)]
-        assert list(rg.spread(squared, [1, 2, 3], 10, executor=executor)) == [11, 14, 19]
-        with pytest.raises(rg.InputError, match="cannot be pickled for worker"):
-            list(rg.spread(squared, [1], lambda: 0, executor=executor))
+    shapes = [planner.space.shape for planner in rg.spread(rg.plan, maps, executor=processes)]
+    there = [path.length for path in rg.spread(_path, starts, planners[1], executor=processes)]
+    assert list(rg.spread(squared, [1, 2, 3], 10, executor=processes)) == [11, 14, 19]
+    with pytest.raises(rg.InputError, match="cannot be pickled for worker"):
+        list(rg.spread(squared, [1], lambda: 0, executor=processes))
     assert shapes == [planner.space.shape for planner in planners]
     assert there == here
 

@@ -3,6 +3,7 @@
 Tests internals: `resgrid.robots.urdf.tool_goals`, `resgrid.robots.urdf.tree`.
 """
 
+from collections.abc import Callable
 from math import pi
 
 import numpy as np
@@ -72,15 +73,37 @@ def random_configurations(tree: KinematicTree, count: int, seed: int) -> NDArray
     return np.random.default_rng(seed).uniform(tree.lower, tree.upper, (count, len(tree.moving)))
 
 
+def with_neighbours(
+    tree: KinematicTree, sample: NDArray[np.float64], solves: Callable[[NDArray[np.float64]], NDArray[np.bool_]]
+) -> NDArray[np.float64]:
+    """Add random configurations near the solutions in a sample: within 0.3 rad or m, and within 0.03."""
+    rng = np.random.default_rng(5)
+    for width in (0.3, 0.03):
+        found = sample[solves(sample)]
+        near = found[rng.integers(len(found), size=10_000)]
+        sample = np.concatenate(
+            [sample, np.clip(near + rng.uniform(-width, width, near.shape), tree.lower, tree.upper)]
+        )
+    return sample
+
+
+def solves_within(
+    tree: KinematicTree, sample: NDArray[np.float64], place: NDArray[np.float64], radius: float
+) -> NDArray[np.bool_]:
+    return np.linalg.norm(tool_poses(tree, "tool", sample)[:, :3, 3] - place, axis=1) <= radius
+
+
 @pytest.mark.parametrize("tree", [WRIST, RAIL, FOUR], ids=["wrist", "rail", "four"])
 def test_every_random_solution_lies_in_a_goal_cell(tree: KinematicTree) -> None:
     axes = axes_of(tree, 10)
     place = tool_poses(tree, "tool", random_configurations(tree, 1, 3))[0, :3, 3]
     goal = ToolGoal(rg.Ball(tuple(place.tolist()), 0.12))
     cells, points = tool_goal_cells(tree, "tool", axes, goal)
-    sample = random_configurations(tree, 400_000, 4)
-    solves = np.linalg.norm(tool_poses(tree, "tool", sample)[:, :3, 3] - place, axis=1) <= 0.12
-    assert solves.sum() > 20
+    sample = with_neighbours(
+        tree, random_configurations(tree, 40_000, 4), lambda q: solves_within(tree, q, place, 0.12)
+    )
+    solves = solves_within(tree, sample, place, 0.12)
+    assert solves.sum() > 1000
     space = rg.ConfigurationSpace(axes, np.zeros(cells.shape))
     located = space.split(sample[solves])[0]
     assert cells[tuple(located.T)].all()

@@ -291,7 +291,7 @@ def a_tree(seed: int, kind: str = "OcTree"):
     tree = getattr(octomap, kind)(0.1)
     for cell in np.ndindex(9, 8, 8):
         tree.updateNode((np.array(cell) - [4, 4, 0] + 0.5) * 0.1, bool(cell[0] < 4))
-    for place in random.uniform(-1.5, 1.5, (60, 3)):
+    for place in random.uniform(-1.0, 1.0, (60, 3)):
         tree.updateNode(place, bool(random.random() < 0.5))
     tree.updateInnerOccupancy()
     return tree
