@@ -89,7 +89,7 @@ def test_the_wheel_declares_the_projects_requirements(wheel: Path) -> None:
 
 
 def test_requirements_cover_all_imports() -> None:
-    extras = ("bags", "dask", "live", "mpi", "notebook", "parsl", "robots", "viewer")
+    extras = ("bags", "dask", "geotiff", "layout", "live", "mpi", "notebook", "parsl", "robots", "viewer")
     texts = [*DECLARED["dependencies"], *(text for name in extras for text in DECLARED["optional-dependencies"][name])]
     direct = {Requirement(text).name for text in texts}
     needed = {_plain(Requirement(text).name) for name in direct for text in metadata.requires(name) or ()}

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,9 @@ from resgrid.core.regions import label_components
 from resgrid.errors import InputError, suggestion
 
 Nodes = NDArray[np.int64]
+
+_MOST_NAMES = 5000
+"""Number of node names that are searched for a similar name."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +64,8 @@ class TerminalReader:
         """Return the number of a node that is given by its number or its name."""
         if isinstance(node, str):
             if node not in self._number_of:
-                hint = suggestion(node, list(self._number_of)) or "netlist.names_of(nodes) returns names"
+                names = list(islice(self._number_of, _MOST_NAMES))
+                hint = suggestion(node, names) or f"some of its nodes are {', '.join(names[-4:])}"
                 raise InputError(f"the circuit has no node {node!r}; {hint}")
             return self._number_of[node]
         if not is_whole(node) or not 0 <= node < self.netlist.node_count:

@@ -63,7 +63,7 @@ def command(
         netlist = open_deck(source).netlist()
         pairs: list[Any] = [tuple(_names(word) for word in pair) for pair in between]
     else:
-        job = open_job(source, require_goal=False, method=method)
+        job = open_job(source, method=method)
         ignored = report_ignored(job, "circuit")
         netlist = job.compile(job.problem.only_wiring()[1], scaled=False)
         in_cells = bool(click.get_current_context().params["cells"])
