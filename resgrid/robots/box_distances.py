@@ -9,8 +9,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-_CELLS_AT_ONCE = 1 << 21
-"""Number of cells whose distances are computed at once; their transform takes up to 70 bytes per cell."""
+_CELLS_AT_ONCE = 1 << 20
+"""Number of transformed cells at once; the transform takes up to 70 bytes per cell."""
 
 
 def near_boxes(
@@ -22,7 +22,8 @@ def near_boxes(
     axis, each with the cells within the distance, limit the memory.
     """
     halo = ceil(min(reach / float(spacing[0]), len(mask))) + 2
-    step = max(_CELLS_AT_ONCE // max(prod(mask.shape[1:]), 1), halo)
+    transformed = prod(mask.shape[1:]) * (1 if rule == "conservative" else 2**mask.ndim)
+    step = max(_CELLS_AT_ONCE // max(transformed, 1), halo)
     near = np.zeros_like(mask)
     for first in range(0, len(mask), step):
         low = max(first - halo, 0)

@@ -1,6 +1,6 @@
 """OctoMaps, point clouds and voxel maps as maps, compared with octomap-python, scipy and loops over voxels.
 
-Tests internals: `resgrid.scene.maps`.
+Tests internals: `resgrid.robots.box_distances`, `resgrid.scene.maps`.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from scipy import ndimage
 from support.cli import answer, call
 
 import resgrid as rg
+from resgrid.robots.box_distances import distance_from_boxes, near_boxes
 from resgrid.scene.maps import voxel_parts
 from resgrid.scene.maps.formats import read_map
 
@@ -174,6 +175,16 @@ def test_cubes_of_all_sizes_are_filled_and_clipped() -> None:
         np.testing.assert_array_equal(out, reference)
 
 
+@pytest.mark.parametrize("rule", ["conservative", "centre"])
+def test_distances_in_bands_are_those_of_the_whole_grid(monkeypatch: pytest.MonkeyPatch, rule) -> None:
+    monkeypatch.setattr("resgrid.robots.box_distances._CELLS_AT_ONCE", 60)
+    rng = np.random.default_rng(6)
+    for _ in range(12):
+        mask, spacing, reach = rng.random((23, 5, 4)) < 0.03, rng.uniform(0.2, 1.0, 3), rng.uniform(0.0, 3.0)
+        whole = distance_from_boxes(mask, spacing, rule) <= reach if mask.any() else mask
+        np.testing.assert_array_equal(near_boxes(mask, spacing, reach, rule), whole)
+
+
 def test_commands_take_an_octomap_as_they_take_a_map(tmp_path: Path) -> None:
     occupied = np.zeros((8, 6, 5), dtype=bool)
     occupied[4, :5] = True
@@ -203,6 +214,10 @@ def test_commands_take_an_octomap_as_they_take_a_map(tmp_path: Path) -> None:
         ({"spacing": 0.1}, r"rooms\.bt: map\.spacing: a map of format 'octomap' has no such option"),
         ({"occupied": 1.0}, r"map\.occupied: must be below 1"),
         ({"unknown": "maybe"}, r"map\.unknown"),
+        (
+            {"robot": rg.PolygonRobot(((-0.1, -0.1), (0.1, -0.1), (0.0, 0.1)))},
+            "moves in the plane, but this map has .* x, y, z",
+        ),
         ({"robot": rg.DiscRobot(0.1)}, "a disc moves in the plane and needs 2 axes, got 3"),
     ],
 )

@@ -149,6 +149,12 @@ class MapCells:
                 f"the map was cropped for a robot that extends {self.extent:g} from its reference point, and this "
                 f"robot extends {robot.extent:g}; read the scene again with this robot"
             )
+        if robot.turning_length is not None and len(self.axes) != 2:
+            names = ", ".join(axis.name for axis in self.axes)
+            raise InputError(
+                f"{self.table.get('file', 'map')}: a robot that turns moves in the plane, but this map has the axes "
+                f"{names}; use a point or a ball (robot.radius)"
+            )
         axes = robot.axes_on_map(self.axes, self.table.get("headings", HEADINGS))
         return tuple(axes), replace(self.frame, turning_length=robot.turning_length)
 

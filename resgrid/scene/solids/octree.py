@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid._internal.files import read_bytes
+from resgrid._internal.memory import require_memory
 from resgrid.core.axis import LARGEST
 from resgrid.errors import InputError
 
@@ -33,6 +34,9 @@ _NODE_TYPES = {
     "ColorOcTree": np.dtype([("value", "<f4"), ("colour", "u1", (3,)), ("children", "u1")]),
 }
 """Types of a node in ``.ot`` files by the header's ``id``: log-odds of occupancy, and a bit for every child."""
+
+_BYTES_PER_NODE = (140.0, 320.0)
+"""Estimated memory in bytes per node of a ``.bt`` and of an ``.ot`` file while its leaves are computed."""
 
 _FREE, _OCCUPIED, _INNER = 1, 2, 3
 """Codes of a child in ``.bt`` files; 0 is unknown."""
@@ -78,6 +82,8 @@ def read_octree(path: Path, occupied: float) -> Octree:
             "with convert_octree"
         )
     kind, size, resolution, body = _header(data, path)
+    most, memory = (4 * len(body), _BYTES_PER_NODE[0]) if is_binary else (len(body) // 5, _BYTES_PER_NODE[1])
+    require_memory(min(size, most) * memory, f"{path}: {min(size, most)} nodes", "save the tree at a lower resolution")
     if is_binary:
         tree = _binary_leaves(body, size, resolution, path)
     elif kind in _NODE_TYPES:
