@@ -8,6 +8,7 @@ from . import (
     maps as maps,
     planning as planning,
     plot as plot,
+    processes as processes,
     spice as spice,
 )
 from ._internal.executors import open_executor as open_executor
