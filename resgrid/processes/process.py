@@ -226,6 +226,16 @@ class Resistor:
             )
         return body * (width + self.width_correction) / self.sheet_resistance
 
+    def capacitance(self, length: float, width: float) -> float | None:
+        """Return the capacitance of the body to the substrate in farads, without the heads; None if it is not known.
+
+        `length` and `width` in micrometres.
+        """
+        if self.area_capacitance is None:
+            return None
+        edge = 2 * (length + width) * 1e-6 * (self.edge_capacitance or 0.0)
+        return self.area_capacitance * length * width * 1e-12 + edge
+
     def pelgrom(self, width: float, length: float) -> float | None:
         """Return the effective Pelgrom coefficient ``sigma sqrt(W L)`` in percent times micrometres, or None.
 
