@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.chip.adc_resolution import ADCResolution
-from resgrid.chip.figures_of_merit import Figure, Result
+from resgrid.chip.figures_of_merit import Figure, Result, formatted
 from resgrid.chip.settling import Settling
 from resgrid.chip.walk import neighbours_of
 from resgrid.core.netlist import CellMap
@@ -143,3 +143,26 @@ def readings_from(resolution: ADCResolution, cells: CellMap) -> NDArray[np.float
         total = total + np.where(step == np.arange(len(step)), 0.0, total[step])
         step = step[step]
     return np.asarray(total + np.where(neighbours.goal[step], 0.0, np.inf)).reshape(resolution.space.shape)
+
+
+def energy_sentences(result: PlanEnergy, readout: Readout, shape: Sequence[int]) -> list[str]:
+    """Return sentences on the energy of a plan, compared with a published digital processor.
+
+    `result`: energy of the plan; `readout`: description of the read-out; `shape`: number of cells along each axis.
+    """
+    parts = (
+        f"{formatted(result.settling_energy, 'J')} until the grid has settled, {formatted(result.supply_energy, 'J')} "
+        f"of supply during {result.conversions} conversions of {result.bits} bits, and "
+        f"{formatted(result.readout_energy, 'J')} of conversions"
+    )
+    text = [f"A plan takes {formatted(result.total, 'J')} and {formatted(result.time, 's')}: {parts}."]
+    lacking = [key for key in ("figure_of_merit", "conversion_time") if getattr(readout, key) is None]
+    if lacking:
+        keys = " and ".join(f"`readout.{key}`" for key in lacking)
+        text.append(f"The cost of the read-out is incomplete; give {keys}.")
+    text.append(
+        f"For comparison: a digital processor in 40 nm CMOS plans on 100 x 100 cells for "
+        f"{formatted(DIGITAL_ENERGY, 'J')} in less than {formatted(DIGITAL_TIME, 's')} (1.5-uJ/Task Path-Planning "
+        f"Processor); this grid has {' x '.join(map(str, shape))} cells."
+    )
+    return text

@@ -15,7 +15,7 @@ from resgrid.chip.adc_resolution import ADCResolution
 from resgrid.chip.build import value_text
 from resgrid.chip.fault_analysis import FaultAnalysis
 from resgrid.chip.figures_of_merit import Figure, Result, figure_lines, formatted, table_lines
-from resgrid.chip.plan_energy import DIGITAL_ENERGY, DIGITAL_TIME
+from resgrid.chip.plan_energy import energy_sentences
 from resgrid.chip.study_analyses import Study, study
 from resgrid.chip.sweeps import SweptKey
 from resgrid.chip.yield_loss import loss_sentences, loss_table, usual_trials
@@ -26,11 +26,12 @@ from resgrid.scene.table_models import described_keys
 
 _SWEEP_TRIALS = 32
 """Number of random chips that are tried for each pair of values in the sweep section."""
+_NO_CAPACITANCE = "the chip has no capacitance; give chip.capacitance, such as 50f"
 _DECKS = (
     "The expected results of a deck are in its sidecar of the same name with `.json`. The file with `.ngspice` (or "
     "the dialect's name) runs it; its first lines give the command. Node `n_3_7` is the node of cell (3, 7), from 0."
 )
-"""Paragraph that introduces the SPICE decks in the report."""
+"""Paragraph that introduces the SPICE decks in the report; above, the reason why a chip has no settling time."""
 
 
 @dataclass(frozen=True)
@@ -188,7 +189,7 @@ def _by_boundary(chip: Study) -> dict[str, ADCResolution]:
 def settling_section(chip: Study, _effort: Effort) -> Section:
     """Return the section on the settling time, and on the energy of one settling after the supplies are switched on."""
     if not chip.netlist.capacitance.any():
-        return _missing("settling", "the chip has no capacitance; give chip.capacitance, such as 50f")
+        return _missing("settling", _NO_CAPACITANCE)
     result = chip.usual_settling
     text = (
         f"Every node settles to {result.bits} bits within {formatted(result.settle_time, 's')} after the supplies are "
@@ -208,25 +209,9 @@ def settling_section(chip: Study, _effort: Effort) -> Section:
 def plan_energy_section(chip: Study, _effort: Effort) -> Section:
     """Return the section on the energy and time of a plan, compared with a published digital processor."""
     if not chip.netlist.capacitance.any():
-        return _missing("plan_energy", "the chip has no capacitance; give chip.capacitance, such as 50f")
-    result = chip.plan_energy()
-    parts = (
-        f"{formatted(result.settling_energy, 'J')} until the grid has settled, {formatted(result.supply_energy, 'J')} "
-        f"of supply during {result.conversions} conversions of {result.bits} bits, and "
-        f"{formatted(result.readout_energy, 'J')} of conversions"
-    )
-    lacking = [key for key in ("figure_of_merit", "conversion_time") if getattr(chip.description.readout, key) is None]
-    text = [f"A plan takes {formatted(result.total, 'J')} and {formatted(result.time, 's')}: {parts}."]
-    if lacking:
-        text.append(
-            f"The read-out counts as free of cost for want of {' and '.join(f'`readout.{k}`' for k in lacking)}."
-        )
-    text.append(
-        f"For comparison: a digital processor in 40 nm CMOS plans on 100 x 100 cells for "
-        f"{formatted(DIGITAL_ENERGY, 'J')} in less than {formatted(DIGITAL_TIME, 's')} (1.5-uJ/Task Path-Planning "
-        f"Processor); this grid has {' x '.join(map(str, chip.ideal.cells.space.shape))} cells."
-    )
-    return _section("plan_energy", result, text)
+        return _missing("plan_energy", _NO_CAPACITANCE)
+    result, shape = chip.plan_energy(), chip.ideal.cells.space.shape
+    return _section("plan_energy", result, energy_sentences(result, chip.description.readout, shape))
 
 
 def noise_section(chip: Study, _effort: Effort) -> Section:

@@ -71,5 +71,5 @@ def test_the_report_compares_the_energy_with_a_digital_processor(tmp_path):
     text = (tmp_path / "out" / "report.md").read_text()
     assert "1.5 µJ" in text
     assert "40 nm" in text
-    assert "free of cost" not in text
+    assert "is incomplete" not in text
     assert "plan_energy" in json.dumps(json.loads(result.stdout))
