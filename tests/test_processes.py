@@ -1,12 +1,14 @@
-"""Process data: independent values of the design kit, rules, and messages for unknown names."""
+"""Process data: independent values of the design kit, rules, and messages for unknown names.
+
+Tests internals: `resgrid.processes.reading`.
+"""
 
 import re
 
 import pytest
 
 import resgrid as rg
-from resgrid.processes import process_names, read_process
-from resgrid.processes.reading import FILES
+from resgrid.processes.reading import FILES, process_names, read_process
 
 
 # The labels in ihp/gds/rppd.gds and rhigh.gds of ihp-gdsfactory 2.0.0 state these resistances.

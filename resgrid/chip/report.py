@@ -15,6 +15,7 @@ from resgrid.chip.adc_resolution import ADCResolution
 from resgrid.chip.build import value_text
 from resgrid.chip.fault_analysis import FaultAnalysis
 from resgrid.chip.figures_of_merit import Figure, Result, figure_lines, formatted, table_lines
+from resgrid.chip.plan_energy import energy_sentences
 from resgrid.chip.study_analyses import Study, study
 from resgrid.chip.sweeps import SweptKey
 from resgrid.chip.yield_loss import loss_sentences, loss_table, usual_trials
@@ -25,11 +26,12 @@ from resgrid.scene.table_models import described_keys
 
 _SWEEP_TRIALS = 32
 """Number of random chips that are tried for each pair of values in the sweep section."""
+_NO_CAPACITANCE = "the chip has no capacitance; give chip.capacitance, such as 50f"
 _DECKS = (
     "The expected results of a deck are in its sidecar of the same name with `.json`. The file with `.ngspice` (or "
     "the dialect's name) runs it; its first lines give the command. Node `n_3_7` is the node of cell (3, 7), from 0."
 )
-"""Paragraph that introduces the SPICE decks in the report."""
+"""Paragraph that introduces the SPICE decks in the report; above, the reason why a chip has no settling time."""
 
 
 @dataclass(frozen=True)
@@ -187,7 +189,7 @@ def _by_boundary(chip: Study) -> dict[str, ADCResolution]:
 def settling_section(chip: Study, _effort: Effort) -> Section:
     """Return the section on the settling time, and on the energy of one settling after the supplies are switched on."""
     if not chip.netlist.capacitance.any():
-        return _missing("settling", "the chip has no capacitance; give chip.capacitance, such as 50f")
+        return _missing("settling", _NO_CAPACITANCE)
     result = chip.usual_settling
     text = (
         f"Every node settles to {result.bits} bits within {formatted(result.settle_time, 's')} after the supplies are "
@@ -202,6 +204,14 @@ def settling_section(chip: Study, _effort: Effort) -> Section:
         Picture("settling", "settling time of each cell", result),
         Picture("settling_curve", curve, result, {"quantity": "curve"}, is_map=False),
     )
+
+
+def plan_energy_section(chip: Study, _effort: Effort) -> Section:
+    """Return the section on the energy and time of a plan, compared with a published digital processor."""
+    if not chip.netlist.capacitance.any():
+        return _missing("plan_energy", _NO_CAPACITANCE)
+    result, shape = chip.plan_energy(), chip.ideal.cells.space.shape
+    return _section("plan_energy", result, energy_sentences(result, chip.description.readout, shape))
 
 
 def noise_section(chip: Study, _effort: Effort) -> Section:
@@ -328,6 +338,7 @@ SECTIONS: dict[str, Callable[[Study, Effort], Section]] = {
     "yield_loss": yield_loss_section,
     "adc_resolution": adc_resolution_section,
     "settling": settling_section,
+    "plan_energy": plan_energy_section,
     "noise": noise_section,
     "power": power_section,
     "sensitivity": sensitivity_section,

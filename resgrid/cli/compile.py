@@ -88,7 +88,12 @@ def _require_tiles(chip: rg.Chip) -> None:
     """
     from resgrid.chip.build import READING, keys_not_held
 
-    keys = [f"chip.{key}" for key in keys_not_held(chip, "tiles") if key not in READING]
+    own, source = set(keys_not_held(chip, "tiles")), "chip.process" + (" and chip.corner" if chip.corner else "")
+    keys = [
+        f"chip.{key}" if key in own or chip.process is None else f"chip.{key} of {source}"
+        for key in keys_not_held(chip.with_process(), "tiles")
+        if key not in READING
+    ]
     if keys:
         raise InputError(
             f"an array of tiles cannot represent {', '.join(keys)}: use --form flat, or remove them from [chip]"

@@ -1,4 +1,8 @@
-"""Chip processes as data: resistances, design rules, mismatch and temperature coefficients, each with its source."""
+"""Chip processes as data: sheet resistances, design rules, mismatch and temperature coefficients.
+
+>>> rg.processes.read_process("ihp-sg13g2:rhigh").resistor.sheet_resistance
+1360.0
+"""
 
 from resgrid._internal.public import attach
 

@@ -42,6 +42,11 @@ class Layer:
         Largest direct current per width, in A/m.
     area_capacitance, edge_capacitance : float or None
         Capacitance to the substrate, in F/m^2 of area and in F/m of edge.
+
+    Examples
+    --------
+    >>> rg.processes.Layer(gds=(8, 0), min_width=0.16, min_space=0.18)
+    Layer(gds=(8, 0), min_width=0.16, min_space=0.18)
     """
 
     gds: tuple[GdsNumber, GdsNumber]
@@ -77,6 +82,12 @@ class Cut:
         Resistance of one cut, in ohms.
     max_current : float or None
         Largest direct current of one cut, in amperes.
+
+    Examples
+    --------
+    >>> cut = rg.processes.read_process("ihp-sg13g2:rppd").cuts["contact"]
+    >>> cut.below, cut.above, cut.size, cut.space
+    ('poly', 'metal1', 0.16, 0.18)
     """
 
     below: str
@@ -106,6 +117,12 @@ class Pad:
         Name of the layer that opens the passivation.
     opening_enclosure : float
         Overlap of the pad over the opening, in micrometres.
+
+    Examples
+    --------
+    >>> pad = rg.processes.read_process("ihp-sg13g2:rppd").pad
+    >>> pad.layers, pad.size, pad.space
+    (('top_metal', 'pad'), 80.0, 8.4)
     """
 
     layers: Annotated[tuple[str, ...], Len(1)]
@@ -228,6 +245,16 @@ class Resistor:
                 f"of {width:g} um; raise the resistance or the width"
             )
         return body * (width + self.width_correction) / self.sheet_resistance
+
+    def capacitance(self, length: float, width: float) -> float | None:
+        """Return the capacitance of the body to the substrate in farads, without the heads; None if it is not known.
+
+        `length` and `width` in micrometres.
+        """
+        if self.area_capacitance is None:
+            return None
+        edge = 2 * (length + width) * 1e-6 * (self.edge_capacitance or 0.0)
+        return self.area_capacitance * length * width * 1e-12 + edge
 
     def pelgrom(self, width: float, length: float) -> float | None:
         """Return the effective Pelgrom coefficient ``sigma sqrt(W L)`` in percent times micrometres, or None.

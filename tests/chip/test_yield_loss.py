@@ -22,7 +22,8 @@ from resgrid.chip.yield_loss import EFFECTS, paired_interval
 from resgrid.scene.table_models import described_keys
 
 NOT_EFFECTS = {"resistance", "supply", "wall_resistance", "capacitance", "width", "length", "tc1", "tc2",
-               "drawing_grid", "seed", "defects.short_resistance"}  # fmt: skip
+               "drawing_grid", "seed", "defects.short_resistance", "process", "corner",
+               "readout.figure_of_merit", "readout.conversion_time"}  # fmt: skip
 """Keys of the design itself, and keys without an effect of their own."""
 
 CHIP = rg.Chip(

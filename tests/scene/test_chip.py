@@ -55,6 +55,8 @@ def test_all_values_accept_engineering_notation() -> None:
         offset = "2m"
         noise_bandwidth = "1M"
         bits = 10
+        figure_of_merit = "50f"
+        conversion_time = "100n"
         range = [0, "3.3"]
         [chip.defects]
         open_density = "0.1 %"
@@ -64,7 +66,7 @@ def test_all_values_accept_engineering_notation() -> None:
     )
     assert (chip.resistance, chip.pelgrom, chip.width, chip.gradient) == (4700.0, 2.5, 2e-6, (0.05, -0.02))
     assert (chip.tc1, chip.tc2, chip.rail_resistance) == (1.5e-3, -4e-7, 0.02)
-    assert chip.readout == rg.chip.Readout(10e6, 2e-3, 1e6, 10, (0.0, 3.3))
+    assert chip.readout == rg.chip.Readout(10e6, 2e-3, 1e6, 10, (0.0, 3.3), 50e-15, 100e-9)
     assert chip.defects == rg.chip.Defects(1e-3, 1e-4, 10.0)
 
 
