@@ -65,8 +65,8 @@ def command(
 
     Every resistor is a serpentine of the process, between bars of metal 1. Obstacles are connected to a rail of metal
     2, goal regions and a driving start to trunks of metal 3, and all of them to pads. Prints a floor plan with the
-    pitch, the area, the rails and their voltage drops. 'resgrid check FILE.gds' extracts the circuit with klayout and
-    compares it with the record.
+    pitch, the area, the rails and their voltage drops. 'resgrid check' with the layout as its input extracts the
+    circuit with klayout and compares it with the record.
     """
     from resgrid.hardware.layout_files import SUFFIXES, has_record, load_gdstk, require_suffix
 
@@ -96,7 +96,7 @@ def command(
     for warning in layout.warnings:
         say(f"warning: {warning}")
     if not recorded:
-        say("no record was written, which 'resgrid check' needs; --record writes it")
+        say("no record was written, which the check of a layout needs; --record writes it")
     file = record_path(output) if recorded else None
     data = {"chip": name, "file": output, "record": file, "bytes": Path(output).stat().st_size, **summary, **ignored}
     finish(data, _floor_plan(summary), written=output, more=True)
