@@ -14,6 +14,7 @@ ANALYSES = (
     "yield_loss",
     "adc_resolution",
     "settling",
+    "plan_energy",
     "noise",
     "power",
     "sensitivity",

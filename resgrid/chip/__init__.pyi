@@ -9,6 +9,7 @@ from .error_limits import Limit as Limit
 from .fault_analysis import FaultAnalysis as FaultAnalysis
 from .figures_of_merit import Figure as Figure, Proportion as Proportion
 from .noise import Noise as Noise
+from .plan_energy import PlanEnergy as PlanEnergy
 from .power import Power as Power, RailPower as RailPower
 from .sensitivity import Sensitivity as Sensitivity
 from .settling import Settling as Settling

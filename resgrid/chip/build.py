@@ -30,17 +30,24 @@ Form = Literal["circuit", "tiles", "grid"]
 subcircuits with one cell each (``"tiles"``), or the ideal netlist without effects (``"grid"``).
 """
 
-READING = ("readout.offset", "readout.noise_bandwidth", "readout.bits", "readout.range")
+READING = (
+    "readout.figure_of_merit",
+    "readout.conversion_time",
+    "readout.offset",
+    "readout.noise_bandwidth",
+    "readout.bits",
+    "readout.range",
+)
 """Keys of the read-out in a chip description that do not change the circuit."""
 
-_SCALE = ("resistance", "supply", "wall_resistance")
+_SCALE = ("resistance", "corner", "supply", "wall_resistance")
 """Keys of the chip description that every form of the circuit represents.
 
 The next three constants are groups of further keys: switches, resistors with rounded or drawn values, and deviations of
 the resistors.
 """
 _SWITCHES = tuple(f"{kind}_switch_{state}" for kind in ("goal", "obstacle", "internodal") for state in ("on", "off"))
-_DRAWN = ("preferred", "sheet_resistance", "width", "length", "drawing_grid")
+_DRAWN = ("process", "preferred", "sheet_resistance", "width", "length", "drawing_grid")
 _SCATTERED = ("gradient", "pelgrom", "mismatch", "seed")
 _HELD = {
     "grid": (*_SCALE, "capacitance"),  # capacitors carry no current at the operating point
@@ -95,7 +102,7 @@ def ideal_netlist(space: ConfigurationSpace, chip: Chip, wiring: Wiring) -> Netl
     """
     wall = chip.wall_resistance if wiring.boundary == "wall" else None
     own = dataclasses.replace(
-        wiring, rails="cells", resistance=chip.resistance, supply=chip.supply, wall_resistance=wall
+        wiring, rails="cells", resistance=chip.with_process().resistance, supply=chip.supply, wall_resistance=wall
     )
     return compile_circuit(space, own)
 
@@ -139,6 +146,7 @@ class ConductanceModel:
             raise InputError(
                 "chips with defects or saturation differ in more than their conductances; build them one by one"
             )
+        chip = chip.with_process()
         chain = effects.of_chip(chip)
         mismatch = Mismatch.of(chip, chip.seed)
         before = 0 if mismatch is None else chain.index(mismatch)
@@ -201,8 +209,11 @@ def described(chip: Chip, shape: Sequence[int], boundary: str) -> list[tuple[str
     ]
     size = f"{' x '.join(map(str, shape))} cells"
     rows = [("grid", size, "one node each"), ("boundary", boundary, f"obstacles {meaning}")]
-    values, about = chip_keys(chip), described_keys(Chip)
-    if chip.sheet_resistance is None:
+    values, about = (
+        chip_keys(chip.with_process()) | {"process": chip.process, "corner": chip.corner},
+        described_keys(Chip),
+    )
+    if values["sheet_resistance"] is None:
         del values["drawing_grid"]
     for key, value in values.items():
         unit, meaning = about[key]

@@ -58,7 +58,7 @@ def groups_of(
     kinds: dict[Chip, list[Key]] = {}
     for key, chip in points.items():
         load = Readout(input_resistance=chip.readout.input_resistance)
-        kinds.setdefault(dataclasses.replace(chip, readout=load), []).append(key)
+        kinds.setdefault(dataclasses.replace(chip.with_process(), readout=load), []).append(key)
     return [
         _group(netlist, kind, keys, [points[key].readout for key in keys], trials, known)
         for kind, keys in kinds.items()

@@ -15,6 +15,7 @@ from resgrid.chip.adc_resolution import ADCResolution
 from resgrid.chip.build import value_text
 from resgrid.chip.fault_analysis import FaultAnalysis
 from resgrid.chip.figures_of_merit import Figure, Result, figure_lines, formatted, table_lines
+from resgrid.chip.plan_energy import DIGITAL_ENERGY, DIGITAL_TIME
 from resgrid.chip.study_analyses import Study, study
 from resgrid.chip.sweeps import SweptKey
 from resgrid.chip.yield_loss import loss_sentences, loss_table, usual_trials
@@ -204,6 +205,30 @@ def settling_section(chip: Study, _effort: Effort) -> Section:
     )
 
 
+def plan_energy_section(chip: Study, _effort: Effort) -> Section:
+    """Return the section on the energy and time of a plan, compared with a published digital processor."""
+    if not chip.netlist.capacitance.any():
+        return _missing("plan_energy", "the chip has no capacitance; give chip.capacitance, such as 50f")
+    result = chip.plan_energy()
+    parts = (
+        f"{formatted(result.settling_energy, 'J')} until the grid has settled, {formatted(result.supply_energy, 'J')} "
+        f"of supply during {result.conversions} conversions of {result.bits} bits, and "
+        f"{formatted(result.readout_energy, 'J')} of conversions"
+    )
+    lacking = [key for key in ("figure_of_merit", "conversion_time") if getattr(chip.description.readout, key) is None]
+    text = [f"A plan takes {formatted(result.total, 'J')} and {formatted(result.time, 's')}: {parts}."]
+    if lacking:
+        text.append(
+            f"The read-out counts as free of cost for want of {' and '.join(f'`readout.{k}`' for k in lacking)}."
+        )
+    text.append(
+        f"For comparison: a digital processor in 40 nm CMOS plans on 100 x 100 cells for "
+        f"{formatted(DIGITAL_ENERGY, 'J')} in less than {formatted(DIGITAL_TIME, 's')} (1.5-uJ/Task Path-Planning "
+        f"Processor); this grid has {' x '.join(map(str, chip.ideal.cells.space.shape))} cells."
+    )
+    return _section("plan_energy", result, text)
+
+
 def noise_section(chip: Study, _effort: Effort) -> Section:
     """Return the section on the thermal noise of the node voltages, in volts and in steps of the converter."""
     bandwidth = None if chip.chip is None else chip.chip.readout.noise_bandwidth
@@ -328,6 +353,7 @@ SECTIONS: dict[str, Callable[[Study, Effort], Section]] = {
     "yield_loss": yield_loss_section,
     "adc_resolution": adc_resolution_section,
     "settling": settling_section,
+    "plan_energy": plan_energy_section,
     "noise": noise_section,
     "power": power_section,
     "sensitivity": sensitivity_section,

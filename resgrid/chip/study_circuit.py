@@ -15,11 +15,13 @@ from resgrid.chip import noise as thermal
 from resgrid.chip.adc_resolution import ADCResolution, analyse_adc_resolution
 from resgrid.chip.decks import noise_band
 from resgrid.chip.noise import Noise, analyse_noise
+from resgrid.chip.plan_energy import PlanEnergy, analyse_plan_energy
 from resgrid.chip.power import Power, analyse_power
 from resgrid.chip.sensitivity import Sensitivity, analyse_sensitivity, voltage_sensitivity
 from resgrid.chip.settling import Settling, analyse_settling
 from resgrid.chip.study_inputs import StudyInputs, checked_method
 from resgrid.circuit.operating_point import OperatingPoint
+from resgrid.errors import InputError
 from resgrid.planning.trace import start_cell
 
 
@@ -226,6 +228,32 @@ class CircuitStudy(StudyInputs):
             Bits that every cell and every start needs.
         """
         return analyse_adc_resolution(self.op, span=self.span if span is None else span)
+
+    @checked_method
+    def plan_energy(self) -> PlanEnergy:
+        """Compute energy and time of one plan: settling, supply during the read-out, and conversions along the path.
+
+        Conversions need ``readout.figure_of_merit`` and ``readout.conversion_time`` of the chip description.  The path
+        is that of an ideal read-out from the starts of the scene; without starts, the mean over all starts.
+
+        Returns
+        -------
+        PlanEnergy
+            Energies, times and the number of conversions.
+
+        Raises
+        ------
+        InputError
+            If the chip has no capacitance.
+        CircuitError
+            If a part of the circuit never settles.
+        """
+        if not self.netlist.capacitance.any():
+            raise InputError("the chip has no capacitance, so that no time limits a plan; give chip.capacitance")
+        cells = self.netlist.cells
+        starts = () if self.scene is None else self.scene.starts
+        begins = [start_cell(cells.space, start) for start in starts]
+        return analyse_plan_energy(self.usual_settling, self.adc_resolution(), self.description.readout, begins)
 
     @checked_method
     def sensitivity(self, cells: ArrayLike | None = None) -> Sensitivity:

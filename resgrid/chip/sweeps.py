@@ -188,7 +188,7 @@ def _usual_sweep(chip: Chip) -> SweptKey:
 
     The key is ``readout.offset`` or ``pelgrom`` if the chip description sets it, else ``mismatch``.
     """
-    for key, value in (("readout.offset", chip.readout.offset), ("pelgrom", chip.pelgrom)):
+    for key, value in (("readout.offset", chip.readout.offset), ("pelgrom", chip.with_process().pelgrom)):
         if value:
             return key, tuple(float(f"{value * multiple:.3g}") for multiple in _MULTIPLES)
     return "mismatch", _SHARES

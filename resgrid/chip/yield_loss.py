@@ -182,7 +182,7 @@ def analyse_yield_loss(
     `executor`: workers, None for this process; `progress`: function called after each variant, with the number of
     finished trials, the expected number, and the yield of the variant.
     """
-    space = netlist.cells.space
+    space, chip = netlist.cells.space, chip.with_process()
     starts = int(space.goal_connected.sum())
     count = trials or usual_trials(space)
     offsets, bits, mismatches = offset_ladder(chip), bits_ladder(chip), mismatch_ladder(chip)

@@ -167,6 +167,7 @@ def analyse_yield(
     of finished trials, None for no file; `progress`: function called after every batch with the number of finished
     trials, the expected number, and their yield.
     """
+    chip = chip.with_process()
     mask = None if starts is None else checked_starts(netlist.cells.space, starts)
     experiment = prepare_experiment(netlist, chip, [chip.readout], None if seed is None else seed_of(seed), mask)
     tally = _Tally(experiment, confidence)

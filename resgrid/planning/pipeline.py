@@ -278,7 +278,7 @@ def scene_wiring(scene: Scene, wiring: Wiring | None = None, **options: Unpack[W
 
     Open obstacles get a uniform drive.
     """
-    boundary, chip = options.get("boundary") or scene.boundary, scene.chip
+    boundary, chip = options.get("boundary") or scene.boundary, scene.chip.with_process()
     default: dict[str, Any] = {
         "boundary": boundary,
         "edge": scene.edge,

@@ -1,4 +1,4 @@
-"""Chip processes as data: sheet resistances, design rules, mismatch and temperature coefficients, each with its source."""
+"""Chip processes as data: sheet resistances, design rules, mismatch and temperature coefficients."""
 
 from resgrid._internal.public import attach
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
@@ -10,6 +11,7 @@ from annotated_types import Ge, Gt, Le, Len
 
 from resgrid._internal.values import brief
 from resgrid.errors import InputError
+from resgrid.scene.process_values import process_problems, process_values
 from resgrid.scene.quantities import Listed, Quantity
 from resgrid.scene.table_models import check_fields
 
@@ -41,6 +43,10 @@ class Readout:
         Equivalent noise bandwidth of a measurement.
     bits : int or None
         Resolution of the analog-to-digital converter, 1 to 32.
+    figure_of_merit : float or None
+        Energy of the converter per conversion step (Walden 1999): one conversion takes ``2**bits`` times this energy.
+    conversion_time : float or None
+        Time of one conversion.
     range : tuple of float or None
         Lowest and highest input voltage of the converter; by default from rail to rail.
 
@@ -60,6 +66,8 @@ class Readout:
     offset: Annotated[float, Ge(0), Quantity("V")] | None = None
     noise_bandwidth: Annotated[float, Gt(0), Quantity("Hz")] | None = None
     bits: Annotated[int, Ge(1), Le(32)] | None = None
+    figure_of_merit: Annotated[float, Ge(0), Quantity("J")] | None = None
+    conversion_time: Annotated[float, Ge(0), Quantity("s")] | None = None
     range: tuple[Volts, Volts] | None = None
 
     def __post_init__(self) -> None:
@@ -138,6 +146,13 @@ class Chip:
         Resistance of the closed switch in series with every resistor between cells; a wire by default.
     internodal_switch_off : float or None
         Resistance of the open switch in series with every resistor between cells; no connection by default.
+    process : str or None
+        Process and resistor, such as ``"ihp-sg13g2:rppd"`` (`resgrid.processes.process_names` lists them), which sets
+        ``sheet_resistance``, ``width`` (the smallest one), ``pelgrom``, ``gradient``, ``tc1`` and ``tc2`` unless they
+        are given.
+    corner : str or None
+        Corner of the process: typical, lowest or highest sheet resistance; typical by default.  Resistors are drawn for
+        the typical sheet resistance, and ``resistance`` is their value there.
     mismatch : float or None
         Standard deviation of a resistance, as a fraction of its mean, below 1.
     pelgrom : float or None
@@ -198,6 +213,8 @@ class Chip:
     obstacle_switch_off: Ohms | None = None
     internodal_switch_on: Ohms | None = None
     internodal_switch_off: Ohms | None = None
+    process: str | None = None
+    corner: Literal["typical", "low", "high"] | None = None
     mismatch: Fraction | None = None
     pelgrom: Annotated[float, Ge(0), Quantity("% µm")] | None = None
     width: Metres | None = None
@@ -220,10 +237,33 @@ class Chip:
             if not isinstance(getattr(self, name), kind):
                 raise InputError(f"{name} = {getattr(self, name)!r} must be a {kind.__name__}")
         check_fields(self)
+        if faults := list(process_problems(self)):
+            raise InputError("; ".join(faults))
+        if self.process is not None:
+            self.with_process()  # checks the values of the process together with the given ones
+            return
         laws = _supply_problems, _switch_problems, _spread_problems, _value_problems, _heat_problems
         broken = [problem for law in laws for problem in law(self)]
         if broken:
             raise InputError("; ".join(broken))
+
+    def with_process(self) -> Chip:
+        """Return the description with the values of its process in place of ``process`` and ``corner``.
+
+        Returns
+        -------
+        Chip
+            The description without a process; this description if it has none.
+
+        Examples
+        --------
+        >>> chip = rg.Chip(process="ihp-sg13g2:rppd", width="1u", tc1=0.0).with_process()
+        >>> chip.sheet_resistance, round(chip.pelgrom, 3), chip.tc1, chip.tc2
+        (260.0, 1.81, 0.0, 4e-07)
+        """
+        if self.process is None:
+            return self
+        return dataclasses.replace(self, process=None, corner=None, **process_values(self))
 
 
 def _supply_problems(chip: Chip) -> Iterator[str]:

@@ -31,6 +31,8 @@ KEYS: dict[str, tuple[dict[str, Any], Any]] = {
     "obstacle_switch_off": ({}, 1e8),
     "internodal_switch_on": ({}, 100.0),
     "internodal_switch_off": ({}, 1e8),
+    "process": ({}, "ihp-sg13g2:rhigh"),
+    "corner": ({"process": "ihp-sg13g2:rppd"}, "high"),
     "mismatch": ({}, 0.1),
     "pelgrom": (AREA, 5.0),
     "width": (AREA, 2e-6),
@@ -50,24 +52,34 @@ KEYS: dict[str, tuple[dict[str, Any], Any]] = {
     "readout.noise_bandwidth": ({}, 1e6),
     "readout.bits": ({}, 8),
     "readout.range": ({}, [0.0, 2.0]),
+    "readout.figure_of_merit": ({}, 5e-14),
+    "readout.conversion_time": ({}, 1e-6),
     "defects.open_density": ({}, 0.1),
     "defects.open_at": ({}, [[4, 2, 0], [4, 3, 1]]),
     "defects.short_density": ({}, 0.1),
     "defects.short_resistance": ({"defects.short_density": 0.1}, 10.0),
 }
 HARMLESS_TO_FIELDS = {
+    "corner": "it scales all resistances alike",
     "resistance": "the potential is a fraction of the supply, currents are in units of supply / R",
     "supply": "the potential is a fraction of the supply, currents are in units of supply / R",
     "wall_resistance": "it is applied",
     "capacitance": "no current flows through it once the grid has settled",
 }
 TWO_CHIPS = [
-    ({key: value for key, (_, value) in KEYS.items() if key not in (*AREA, *SHEET, "drawing_grid")}, "wall"),
     (
         {
             key: value
             for key, (_, value) in KEYS.items()
-            if key not in ("length", "mismatch", "preferred", "saturation_voltage")
+            if key not in (*AREA, *SHEET, "drawing_grid", "process", "corner")
+        },
+        "wall",
+    ),
+    (
+        {
+            key: value
+            for key, (_, value) in KEYS.items()
+            if key not in ("process", "corner", "length", "mismatch", "preferred", "saturation_voltage")
         },
         "neumann",
     ),

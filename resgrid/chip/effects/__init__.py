@@ -72,8 +72,8 @@ def of_chip(chip: Chip, seed: Any = None) -> tuple[Effect, ...]:
     tuple of Effect
         The effects, in the order in which they are applied.
     """
-    which = seed_of(chip.seed if seed is None else seed)
-    effects = (kind.of(chip, which) for kind in EFFECTS.values())
+    which, described = seed_of(chip.seed if seed is None else seed), chip.with_process()
+    effects = (kind.of(described, which) for kind in EFFECTS.values())
     return tuple(effect for effect in effects if effect is not None)
 
 

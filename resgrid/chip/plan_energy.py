@@ -1,0 +1,145 @@
+"""Energy and time of one plan: settling of the grid, supply during the read-out, and conversions along the path.
+
+The robot compares, in each cell of its path, the voltages of the cell and of its free neighbours.  A conversion costs
+``FOM 2**bits`` (Walden 1999, IEEE J. Sel. Areas Commun. 17(4), 539-550).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.chip.adc_resolution import ADCResolution
+from resgrid.chip.figures_of_merit import Figure, Result
+from resgrid.chip.settling import Settling
+from resgrid.chip.walk import neighbours_of
+from resgrid.core.netlist import CellMap
+from resgrid.scene.chip import Readout
+
+DIGITAL_ENERGY = 1.5e-6
+"""Energy of one plan on 100 x 100 cells of a 40 nm digital processor, in joules ("A 1.5-uJ/Task Path-Planning Processor
+for 2-D/3-D Autonomous Navigation of Microrobots", 2M gates, 3.65 mm^2, 0.9 V, 200 MHz).
+"""
+DIGITAL_TIME = 1e-3
+"""Upper bound of the time of one plan of that processor, in seconds."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PlanEnergy(Result):
+    """Energy and time of one plan; returned by `resgrid.chip.Study.plan_energy`.
+
+    Attributes
+    ----------
+    bits : int
+        Resolution of the converter.
+    conversions : int
+        Number of conversions: for each cell of the path but the goal, one for the cell and one for each of its free or
+        goal neighbours.  The mean over all starts, rounded up, if the scene has no start.
+    conversion_energy : float or None
+        Energy of one conversion in joules; None without a figure of merit.
+    settling_energy, settle_time : float
+        Energy in joules that the sources deliver until the grid has settled, and this time in seconds.
+    power : float
+        Power of the settled grid, in watts.
+    conversion_time : float or None
+        Time of one conversion in seconds; None if it is not given, and the time of the read-out then counts as 0.
+    figures : mapping of str to Figure
+        Figures of merit by name.
+
+    Examples
+    --------
+    >>> readout = rg.chip.Readout(bits=8, figure_of_merit="50f", conversion_time="100n")
+    >>> chip = rg.Chip(capacitance="100f", readout=readout)
+    >>> energy = rg.study(rg.read_scene("examples/scenes/lesson.toml"), chip).plan_energy()
+    >>> energy.conversions, f"{energy.readout_energy:.3g} J", f"{energy.total:.3g} J"
+    (52, '6.66e-10 J', '1.95e-09 J')
+    """
+
+    bits: int
+    conversions: int
+    conversion_energy: float | None
+    settling_energy: float
+    settle_time: float
+    power: float
+    conversion_time: float | None
+
+    @property
+    def readout_time(self) -> float:
+        """Time of all conversions, one after the other, in seconds."""
+        return self.conversions * (self.conversion_time or 0.0)
+
+    @property
+    def readout_energy(self) -> float:
+        """Energy of all conversions, in joules."""
+        return self.conversions * (self.conversion_energy or 0.0)
+
+    @property
+    def supply_energy(self) -> float:
+        """Energy of the settled grid during the conversions, in joules."""
+        return self.power * self.readout_time
+
+    @property
+    def total(self) -> float:
+        """Energy of the plan, in joules."""
+        return self.settling_energy + self.supply_energy + self.readout_energy
+
+    @property
+    def time(self) -> float:
+        """Time of the plan, in seconds."""
+        return self.settle_time + self.readout_time
+
+    @property
+    def figures(self) -> Mapping[str, Figure]:
+        """Figures of merit by name: energies and times of the plan and of its parts, and number of conversions."""
+        missing = "" if self.conversion_energy is not None else "; 0 without readout.figure_of_merit"
+        untimed = "" if self.conversion_time is not None else "; 0 without readout.conversion_time"
+        return {
+            "plan_energy": Figure(self.total, "J", "settling, supply during the read-out, and conversions"),
+            "settling_energy": Figure(self.settling_energy, "J", "energy of all sources until every node has settled"),
+            "supply_energy": Figure(self.supply_energy, "J", f"power of the settled grid times read-out time{untimed}"),
+            "readout_energy": Figure(
+                self.readout_energy, "J", f"conversions times figure of merit times 2**{self.bits}{missing}"
+            ),
+            "conversions": Figure(self.conversions, "", "readings of each cell of the path and of its free neighbours"),
+            "plan_time": Figure(self.time, "s", f"settling time plus conversions one after the other{untimed}"),
+            "readout_time": Figure(self.readout_time, "s", f"conversions one after the other{untimed}"),
+        }
+
+
+def analyse_plan_energy(
+    settling: Settling, resolution: ADCResolution, readout: Readout, starts: Sequence[tuple[int, ...]]
+) -> PlanEnergy:
+    """Return the energy and time of one plan.
+
+    `settling`: settling of the chip; `resolution`: converter resolution of the chip, whose steps give the paths;
+    `readout`: description of the read-out; `starts`: cells of the starts, the mean over all starts if empty.
+    """
+    counts = readings_from(resolution, settling.netlist.cells)
+    space = resolution.space
+    begins = [start for start in starts if space.goal_connected[start] and np.isfinite(counts[start])]
+    chosen = np.array([counts[start] for start in begins]) if begins else counts[np.isfinite(counts) & (counts > 0)]
+    conversions = int(np.ceil(chosen.mean())) if chosen.size else 0
+    each = None if readout.figure_of_merit is None else readout.figure_of_merit * 2.0**settling.bits
+    return PlanEnergy(
+        settling.bits, conversions, each, settling.energy, settling.settle_time, settling.power, readout.conversion_time
+    )
+
+
+def readings_from(resolution: ADCResolution, cells: CellMap) -> NDArray[np.float64]:
+    """Return the number of readings on the ideal path from every cell, shape of the space; infinite without a path.
+
+    The path steps to the neighbour of lowest voltage; each cell before the goal needs one reading, and one for each of
+    its free or goal neighbours.  `resolution`: gives the steps; `cells`: map of the cells of the chip.
+    """
+    neighbours = neighbours_of(cells)
+    readings = 1.0 + (neighbours.around >= 0).sum(axis=1)
+    following = resolution.following.ravel()
+    total = np.where(neighbours.goal, 0.0, np.where(following >= 0, readings, np.inf))
+    step = np.where(neighbours.goal | (following < 0), np.arange(len(following)), following)
+    while not np.array_equal(step, step[step]):  # doubling: each pass adds a path twice as long
+        total = total + np.where(step == np.arange(len(step)), 0.0, total[step])
+        step = step[step]
+    return np.asarray(total + np.where(neighbours.goal[step], 0.0, np.inf)).reshape(resolution.space.shape)
