@@ -1,7 +1,8 @@
 """Layouts: extraction by klayout gives back the drawn circuit, and every fault is detected and located.
 
-Tests internals: `resgrid.hardware.layout`, `resgrid.hardware.layout_check`, `resgrid.hardware.layout_files`,
-`resgrid.hardware.layout_process`, `resgrid.hardware.layout_tiles`, `resgrid.hardware.record`.
+Tests internals: `resgrid.hardware`, `resgrid.hardware.layout_check`, `resgrid.hardware.layout_files`,
+`resgrid.hardware.layout_process`, `resgrid.hardware.layout_tiles`, `resgrid.hardware.record`,
+`resgrid.hardware.tools`, `resgrid.processes`.
 """
 
 from __future__ import annotations
