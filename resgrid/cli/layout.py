@@ -11,7 +11,7 @@ import click
 import resgrid as rg
 from resgrid.cli.option_types import NumberRange, Suggested, fraction_below
 from resgrid.cli.options import CommandInput, output_option, subcommand, with_source
-from resgrid.cli.scenes import open_job, report_ignored
+from resgrid.cli.scenes import Job, open_job, report_ignored
 from resgrid.cli.terminal import counted, finish, say, stage
 from resgrid.errors import InputError
 from resgrid.hardware.record import record_path
@@ -19,6 +19,9 @@ from resgrid.processes.reading import process_names
 
 PROCESSES = tuple(process_names())
 """Processes and resistors in which layouts are drawn."""
+
+DRAWN = ("process", "corner", "width")
+"""Keys of a chip that determine its layout."""
 
 SHOWN_PADS = 8
 """Largest number of pads that the floor plan lists as text."""
@@ -65,8 +68,8 @@ def command(
 
     Every resistor is a serpentine of the process, between bars of metal 1. Obstacles are connected to a rail of metal
     2, goal regions and a driving start to trunks of metal 3, and all of them to pads. Prints a floor plan with the
-    pitch, the area, the rails and their voltage drops. 'resgrid check FILE.gds' extracts the circuit with klayout and
-    compares it with the record.
+    pitch, the area, the rails and their voltage drops. 'resgrid check' with the layout as its input extracts the
+    circuit with klayout and compares it with the record.
     """
     from resgrid.hardware.layout_files import SUFFIXES, has_record, load_gdstk, require_suffix
 
@@ -78,16 +81,17 @@ def command(
     load_gdstk()
     job = open_job(source)
     name, wiring = job.problem.only_wiring()
-    ignored = report_ignored(job, "grid")
+    ignored = _report_ignored(job)
     size = job.space.cell.size
     with stage("draw the layout", seconds=2e-5 * size):
         layout = rg.hardware.build_layout(
             job.space,
             process or _process_of(job.scene),
             wiring,
-            width=None if width is None else width * 1e-6,
+            width=_width(job.scene, width, matching),
             matching=matching,
             labels=labels,
+            resistance=job.scene.chip.resistance,  # resistors are drawn for the typical corner of the process
         )
     recorded = has_record(layout, record)
     with stage("write the layout", seconds=8e-5 * size * recorded):
@@ -96,21 +100,40 @@ def command(
     for warning in layout.warnings:
         say(f"warning: {warning}")
     if not recorded:
-        say("no record was written, which 'resgrid check' needs; --record writes it")
+        say("no record was written, which the check of a layout needs; --record writes it")
     file = record_path(output) if recorded else None
     data = {"chip": name, "file": output, "record": file, "bytes": Path(output).stat().st_size, **summary, **ignored}
     finish(data, _floor_plan(summary), written=output, more=True)
     return 0
 
 
+def _report_ignored(job: Job) -> dict[str, list[str]]:
+    """Print the keys of a scene that a layout ignores, with reasons; return ``{"ignored": keys}`` for JSON."""
+    from resgrid.chip.build import keys_not_held
+
+    keys = [f"chip.{key}" for key in keys_not_held(job.scene.chip, "grid") if key not in DRAWN]
+    if keys:
+        say(f"ignored: {', '.join(keys)}: a layout consists of ideal resistors; 'resgrid chip' computes their effect")
+    return {"ignored": [*keys, *report_ignored(job, "chip")["ignored"]]}
+
+
 def _process_of(scene: rg.Scene) -> str:
     """Return the process of a scene's chip; raise InputError if the scene has none."""
-    process = getattr(scene.chip, "process", None)
-    if process is None:
+    if scene.chip.process is None:
         raise InputError(
             f"the scene has no chip.process; name one with --process, for instance --process {PROCESSES[-1]}"
         )
-    return str(process)
+    return scene.chip.process
+
+
+def _width(scene: rg.Scene, width: float | None, matching: float | None) -> float | None:
+    """Return the width of the resistors in metres: the option, or that of the scene's chip; None for the smallest one.
+
+    `width`: the option in micrometres; `matching`: wanted deviation, which determines the width.
+    """
+    if width is None:
+        return None if matching is not None else scene.chip.width
+    return width * 1e-6
 
 
 def _floor_plan(summary: Mapping[str, Any]) -> Iterator[str]:

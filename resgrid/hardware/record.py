@@ -11,7 +11,7 @@ import os
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, Literal
 
@@ -27,6 +27,9 @@ SUFFIX = ".record.json"
 
 PartType = Literal["resistor", "jumper", "connector", "test_pad", "hole"]
 """Types of parts in a record."""
+
+_ENCODE = json.JSONEncoder(sort_keys=True, allow_nan=False).encode
+"""Function that returns a value as JSON on one line, with sorted keys."""
 
 _STRICT = {"strict": True, "extra": "forbid"}
 """Settings of pydantic: no conversion between types, and no unknown keys."""
@@ -172,10 +175,10 @@ def write_record(file: str | os.PathLike[str], record: HardwareRecord) -> Path:
 
 def format_record(record: HardwareRecord) -> str:
     """Return the text of a record: sorted, one part, source, voltage or cell per line, with exact numbers."""
-    data = asdict(record) | {
+    data = {each.name: getattr(record, each.name) for each in fields(record)} | {
         "schema": SCHEMA,
-        "parts": [asdict(part) for part in sorted(record.parts, key=lambda part: natural_order(part.reference))],
-        "sources": [asdict(source) for source in sorted(record.sources, key=lambda source: source.name)],
+        "parts": [vars(part) for part in sorted(record.parts, key=lambda part: natural_order(part.reference))],
+        "sources": [vars(source) for source in sorted(record.sources, key=lambda source: source.name)],
     }
     return "{\n" + ",\n".join(f"{json.dumps(key)}: {_value_text(data[key])}" for key in sorted(data)) + "\n}\n"
 
@@ -192,7 +195,7 @@ def _value_text(value: Any) -> str:
 
 def _line(value: Any) -> str:
     """Return a value as JSON on one line, with sorted keys."""
-    return json.dumps(value, sort_keys=True, allow_nan=False)
+    return _ENCODE(value)
 
 
 def natural_order(name: str) -> tuple[tuple[str, int], ...]:

@@ -236,6 +236,7 @@ def test_targets_that_cannot_be_written_exit_with_2(call, room, tmp_path, subcom
 
 
 TARGETS = [(subcommand, *option) for subcommand, option in SUBCOMMANDS.items() if option and subcommand != "run"] + [
+    ("layout", "-o", "chip.gds"),
     ("control", "-o", "log.csv"),
     ("control", "--picture", "run.png"),
     ("control", "--animate", "run.gif"),

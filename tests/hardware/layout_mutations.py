@@ -1,4 +1,7 @@
-"""Faults for layouts: each function changes the flattened shapes of a layout in one place."""
+"""Faults for layouts: each function changes the flattened shapes of a layout in one place.
+
+Tests internals: `resgrid.hardware.layout`, `resgrid.hardware.layout_files`, `resgrid.hardware.layout_rules`.
+"""
 
 from __future__ import annotations
 

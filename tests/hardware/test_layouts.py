@@ -1,7 +1,8 @@
 """Layouts: extraction by klayout gives back the drawn circuit, and every fault is detected and located.
 
-Tests internals: `resgrid.hardware.layout`, `resgrid.hardware.layout_check`, `resgrid.hardware.layout_files`,
-`resgrid.hardware.layout_process`, `resgrid.hardware.layout_tiles`, `resgrid.hardware.record`.
+Tests internals: `resgrid.hardware`, `resgrid.hardware.layout_check`, `resgrid.hardware.layout_files`,
+`resgrid.hardware.layout_process`, `resgrid.hardware.layout_tiles`, `resgrid.hardware.record`,
+`resgrid.hardware.tools`, `resgrid.processes`.
 """
 
 from __future__ import annotations
@@ -231,6 +232,10 @@ def test_the_command_writes_a_layout_that_check_confirms(tmp_path: Path) -> None
     assert answer("check", file)["agrees"] is True
     result = call("layout", "lesson", "--process", TOY, "--matching", "0.005", "-o", file)
     assert result.exit_code == 0 and "8 x 8 cells" in result.stdout
+    words = ["--set", f"chip.process={RPPD}", "--set", "chip.width=1u", "--set", "chip.readout.bits=8"]
+    result = call("layout", "lesson", *words, "-o", file)
+    assert result.exit_code == 0 and "1 um wide" in result.stdout
+    assert "chip.process" not in result.stderr and "ignored: chip.readout" in result.stderr
     for words in (["--process", TOY, "-o", "-"], ["--process", TOY, "-o", "chip.png"], ["-o", file]):
         assert call("layout", "lesson", *words).exit_code == 2
 
