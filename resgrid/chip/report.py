@@ -25,13 +25,13 @@ from resgrid.scene.chip import Chip
 from resgrid.scene.table_models import described_keys
 
 _SWEEP_TRIALS = 32
-"""Number of random chips that are tried for each pair of values in the sweep section."""
+"""Number of random chips for each pair of values in the sweep section."""
 _NO_CAPACITANCE = "the chip has no capacitance; give chip.capacitance, such as 50f"
 _DECKS = (
     "The expected results of a deck are in its sidecar of the same name with `.json`. The file with `.ngspice` (or "
     "the dialect's name) runs it; its first lines give the command. Node `n_3_7` is the node of cell (3, 7), from 0."
 )
-"""Paragraph that introduces the SPICE decks in the report; above, the reason why a chip has no settling time."""
+"""Paragraph that introduces the decks; above, the reason why a chip has no settling time."""
 
 
 @dataclass(frozen=True)
@@ -386,8 +386,7 @@ def checkpoints_beside(folder: Path, chip: Study, sweep: Sequence[SweptKey]) -> 
 def report_markdown(chip: Study, parts: Sequence[Section], decks: Mapping[str, str], verdict: str) -> str:
     """Return the report on a chip as Markdown text.
 
-    `chip`: the chip under study; `parts`: sections; `decks`: descriptions of the deck files by file name; `verdict`:
-    sentence on the simulator's check of the decks.
+    `parts`: sections; `decks`: descriptions of the deck files by file name; `verdict`: result of checking the decks.
     """
     lines = [f"# {chip.title}", "", *(f"- **{section.title}.** {section.text[0]}" for section in parts), ""]
     for section in parts:

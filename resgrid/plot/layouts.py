@@ -61,9 +61,10 @@ def draw_layout(layout: Layout) -> Figure:
 def _named(layout: Layout, name: str) -> str:
     """Return the label of a layer of the picture, with the name of the process for metals."""
     metals = [metal.name for metal in layout.rules.metals]
+    pads = ", pads" if len(metals) == METALS else ""
     return {
         "marker": "body of a resistor (marker)", "poly": "resistor", "contact": "contact", "via": "via",
-        "metal 1": f"{metals[0]}: nodes", "metal 2": f"{metals[1]}: obstacle rail", "metal 3": f"{metals[2]}: goals{', pads' if len(metals) == METALS else ''}",
+        "metal 1": f"{metals[0]}: nodes", "metal 2": f"{metals[1]}: obstacle rail", "metal 3": f"{metals[2]}: goals{pads}",
         "pad": f"{metals[-1]}: pads",
     }[name]  # fmt: skip
 

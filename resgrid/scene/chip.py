@@ -43,10 +43,6 @@ class Readout:
         Equivalent noise bandwidth of a measurement.
     bits : int or None
         Resolution of the analog-to-digital converter, 1 to 32.
-    figure_of_merit : float or None
-        Energy of the converter per conversion step (Walden 1999): one conversion takes ``2**bits`` times this energy.
-    conversion_time : float or None
-        Time of one conversion.
     range : tuple of float or None
         Lowest and highest input voltage of the converter; by default from rail to rail.
     figure_of_merit : float or None
@@ -70,8 +66,6 @@ class Readout:
     offset: Annotated[float, Ge(0), Quantity("V")] | None = None
     noise_bandwidth: Annotated[float, Gt(0), Quantity("Hz")] | None = None
     bits: Annotated[int, Ge(1), Le(32)] | None = None
-    figure_of_merit: Annotated[float, Ge(0), Quantity("J")] | None = None
-    conversion_time: Annotated[float, Ge(0), Quantity("s")] | None = None
     range: tuple[Volts, Volts] | None = None
     figure_of_merit: Annotated[float, Ge(0), Quantity("J")] | None = None
     conversion_time: Annotated[float, Ge(0), Quantity("s")] | None = None

@@ -97,9 +97,7 @@ def test_a_dask_scheduler_that_loses_all_workers_raises_worker_error(monkeypatch
         results = in_order([JobPart(slow_sums, {"offset": 0}, range(10_000))], executor)
         assert next(results) == 0
         cluster.scale(0)
-        with pytest.raises(
-            rg.WorkerError, match=r"all workers of the dask scheduler have gone.* in 0\.5 s"
-        ):
+        with pytest.raises(rg.WorkerError, match=r"all workers of the dask scheduler have gone.* in 0\.5 s"):
             list(results)
 
 
