@@ -11,6 +11,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from shapely import LineString, MultiLineString, Point, Polygon, union_all
 
 Tree = list[Any]
@@ -355,20 +356,20 @@ def cut_the_plane(project: Project) -> list[Place]:
 
 
 def _keyholes(polygon: Polygon) -> list[tuple[float, float]]:
-    """The outline of a polygon, with a seam to each of its holes, as KiCad writes filled areas."""
-    points = list(polygon.exterior.coords)[:-1]
+    """The outline of a polygon, with a seam from each hole to the edge at its left, as KiCad writes filled areas."""
+    points = np.array(polygon.exterior.coords)
     for hole in sorted(polygon.interiors, key=lambda ring: ring.bounds[0]):
-        ring = list(hole.coords)[:-1]
-        start = min(range(len(ring)), key=lambda k: ring[k])
-        ring = ring[start:] + ring[:start] + [ring[start]]
-        near = min(range(len(points)), key=lambda k: _seam_cost(points[k], ring[0], polygon))
-        points = points[: near + 1] + ring + points[near:]
-    return points
-
-
-def _seam_cost(point: tuple[float, float], start: tuple[float, float], polygon: Polygon) -> float:
-    seam = LineString([point, start])
-    return seam.length if polygon.covers(seam) else math.inf
+        ring = np.array(hole.coords)[:-1]
+        ring = np.roll(ring, -int(ring[:, 0].argmin()), axis=0)
+        x, y = ring[0]
+        start, end = points[:-1], points[1:]
+        crossed = (start[:, 1] > y) != (end[:, 1] > y)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            at = start[:, 0] + (end[:, 0] - start[:, 0]) * (y - start[:, 1]) / (end[:, 1] - start[:, 1])
+        edge = int(np.where(crossed & (at < x), at, -np.inf).argmax())
+        seam = np.array([[at[edge], y]])
+        points = np.concatenate([points[: edge + 1], seam, ring, ring[:1], seam, points[edge + 1 :]])
+    return [(float(x), float(y)) for x, y in points[:-1]]
 
 
 MUTATIONS: tuple[Callable[[Project], list[Place]], ...] = (
