@@ -168,7 +168,7 @@ def swap_two_tracks(project: Project) -> list[Place]:
 def delete_a_track(project: Project) -> list[Place]:
     track = project.draw.choice(project.tracks())
     project.board.remove(track)
-    return [(project.net(track), "split in two")]
+    return [(project.net(track), "is split in")]
 
 
 def shorten_a_track(project: Project) -> list[Place]:
@@ -177,7 +177,7 @@ def shorten_a_track(project: Project) -> list[Place]:
     start, end = sub(track, "start"), sub(track, "end")
     x = [a + (b - a) * 0.4 for a, b in zip(numbers(start), numbers(end), strict=True)]
     end[1:] = map(str, x)
-    return [(project.net(track), "split in two")]
+    return [(project.net(track), "is split in")]
 
 
 def delete_a_via(project: Project) -> list[Place]:
@@ -325,7 +325,7 @@ def drill_through_a_track(project: Project) -> list[Place]:
             hole,
         ]
     )
-    return [(project.net(track), "split in two")]
+    return [(project.net(track), "is split in")]
 
 
 def leave_out_the_plating(project: Project) -> list[Place]:
