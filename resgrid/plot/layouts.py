@@ -64,7 +64,8 @@ def _named(layout: Layout, name: str) -> str:
     pads = ", pads" if len(metals) == METALS else ""
     return {
         "marker": "body of a resistor (marker)", "poly": "resistor", "contact": "contact", "via": "via",
-        "metal 1": f"{metals[0]}: nodes", "metal 2": f"{metals[1]}: obstacle rail", "metal 3": f"{metals[2]}: goals{pads}",
+        "metal 1": f"{metals[0]}: nodes", "metal 2": f"{metals[1]}: obstacle rail",
+        "metal 3": f"{metals[2]}: goals{pads}",
         "pad": f"{metals[-1]}: pads",
     }[name]  # fmt: skip
 

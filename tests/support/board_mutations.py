@@ -11,6 +11,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from shapely import LineString, MultiLineString, Point, Polygon, union_all
 
 Tree = list[Any]
@@ -167,7 +168,7 @@ def swap_two_tracks(project: Project) -> list[Place]:
 def delete_a_track(project: Project) -> list[Place]:
     track = project.draw.choice(project.tracks())
     project.board.remove(track)
-    return [(project.net(track), "split in two")]
+    return [(project.net(track), "is split in")]
 
 
 def shorten_a_track(project: Project) -> list[Place]:
@@ -176,7 +177,7 @@ def shorten_a_track(project: Project) -> list[Place]:
     start, end = sub(track, "start"), sub(track, "end")
     x = [a + (b - a) * 0.4 for a, b in zip(numbers(start), numbers(end), strict=True)]
     end[1:] = map(str, x)
-    return [(project.net(track), "split in two")]
+    return [(project.net(track), "is split in")]
 
 
 def delete_a_via(project: Project) -> list[Place]:
@@ -324,7 +325,7 @@ def drill_through_a_track(project: Project) -> list[Place]:
             hole,
         ]
     )
-    return [(project.net(track), "split in two")]
+    return [(project.net(track), "is split in")]
 
 
 def leave_out_the_plating(project: Project) -> list[Place]:
@@ -355,20 +356,20 @@ def cut_the_plane(project: Project) -> list[Place]:
 
 
 def _keyholes(polygon: Polygon) -> list[tuple[float, float]]:
-    """The outline of a polygon, with a seam to each of its holes, as KiCad writes filled areas."""
-    points = list(polygon.exterior.coords)[:-1]
+    """The outline of a polygon, with a seam from each hole to the edge at its left, as KiCad writes filled areas."""
+    points = np.array(polygon.exterior.coords)
     for hole in sorted(polygon.interiors, key=lambda ring: ring.bounds[0]):
-        ring = list(hole.coords)[:-1]
-        start = min(range(len(ring)), key=lambda k: ring[k])
-        ring = ring[start:] + ring[:start] + [ring[start]]
-        near = min(range(len(points)), key=lambda k: _seam_cost(points[k], ring[0], polygon))
-        points = points[: near + 1] + ring + points[near:]
-    return points
-
-
-def _seam_cost(point: tuple[float, float], start: tuple[float, float], polygon: Polygon) -> float:
-    seam = LineString([point, start])
-    return seam.length if polygon.covers(seam) else math.inf
+        ring = np.array(hole.coords)[:-1]
+        ring = np.roll(ring, -int(ring[:, 0].argmin()), axis=0)
+        x, y = ring[0]
+        start, end = points[:-1], points[1:]
+        crossed = (start[:, 1] > y) != (end[:, 1] > y)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            at = start[:, 0] + (end[:, 0] - start[:, 0]) * (y - start[:, 1]) / (end[:, 1] - start[:, 1])
+        edge = int(np.where(crossed & (at < x), at, -np.inf).argmax())
+        seam = np.array([[at[edge], y]])
+        points = np.concatenate([points[: edge + 1], seam, ring, ring[:1], seam, points[edge + 1 :]])
+    return [(float(x), float(y)) for x, y in points[:-1]]
 
 
 MUTATIONS: tuple[Callable[[Project], list[Place]], ...] = (
