@@ -279,7 +279,7 @@ def test_a_board_has_pictures() -> None:
     assert letters.count("O") == 7 and letters.count("G") == 1
     for side in ("front", "back"):
         assert any(text.get_text() == "Eight by eight" for text in rg.draw(board, side=side).texts)
-    with pytest.raises(rg.InputError, match="'plan', 'front' or 'back'"):
+    with pytest.raises(rg.InputError, match="'plan' or 'front' or 'back'"):
         rg.draw(board, side="left")
 
 
