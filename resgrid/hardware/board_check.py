@@ -98,6 +98,7 @@ def check_board(
     _check_board_circuit(work, record, reports, tolerance)
     _check_schematic(work, record, reports, tolerance, timeout)
     _check_rules(work, reports)
+    work.findings += reports.order
     return _result(work, record, tolerance)
 
 

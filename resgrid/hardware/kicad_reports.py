@@ -17,9 +17,10 @@ from typing import Any
 from resgrid._internal.files import read_text
 from resgrid.errors import InputError
 from resgrid.hardware.copper import Copper, connect_copper
-from resgrid.hardware.excellon import read_excellon
-from resgrid.hardware.gerber import read_gerber
+from resgrid.hardware.excellon import Hole, read_excellon
+from resgrid.hardware.gerber import CopperShape, read_gerber
 from resgrid.hardware.ipc_d356 import NO_NET, TestPoint, read_ipc_d356
+from resgrid.hardware.order_files import compare_order, copper_layer
 from resgrid.hardware.tools import KicadCli
 
 _PROJECT = (".kicad_pcb", ".kicad_sch", ".kicad_pro", ".kicad_dru", ".kicad_sym", ".pretty")
@@ -32,7 +33,6 @@ _DRC, _ERC, _TEST, _PLACES, _SPICE, _GERBERS = (
     "board.cir",
     "gerbers",
 )
-_COPPER = re.compile(r"Copper,L(\d+),")
 _ORIGIN = re.compile(r"\(aux_axis_origin\s+(\S+)\s+([^\s)]+)\s*\)")
 _RUNS = 2
 """Number of kicad-cli processes at the same time; each needs about 200 MB."""
@@ -51,13 +51,14 @@ class BoardReports:
     """Everything that kicad-cli returns about a board.
 
     `rules`: design rules, and electrical rules of the schematic; `points`: test points of the IPC-D-356 file; `copper`:
-    connected copper of the Gerber layers and drill files; `values`: text of each part's value on the board; `spice`:
-    SPICE netlist of the schematic, None without a schematic.
+    connected copper of the Gerber layers and drill files; `order`: differences of ``gerbers.zip`` from the board;
+    `values`: text of each part's value on the board; `spice`: SPICE netlist of the schematic, None without a schematic.
     """
 
     rules: RuleReport
     points: tuple[TestPoint, ...]
     copper: Copper
+    order: tuple[str, ...]
     values: Mapping[str, str]
     spice: str | None
 
@@ -87,10 +88,12 @@ def report_board(kicad: KicadCli, board: Path, folder: Path, timeout: float) -> 
         ]
     with ThreadPoolExecutor(_RUNS) as pool:
         list(pool.map(lambda arguments: kicad.run(*arguments, timeout=timeout), runs))
+    layers, plated, unplated = _layers(gerbers), _holes(gerbers, "PTH"), _holes(gerbers, "NPTH")
     return BoardReports(
         rules=_rules(folder),
         points=_on_board(read_ipc_d356(folder / _TEST), read_text(copy)),
-        copper=_copper(gerbers),
+        copper=connect_copper([layers[number] for number in sorted(layers)], plated, unplated),
+        order=tuple(compare_order(board.parent, layers, [*plated, *unplated])),
         values=_values(read_text(folder / _PLACES)),
         spice=read_text(folder / _SPICE) if schematic.exists() else None,
     )
@@ -146,20 +149,20 @@ def _on_board(points: Iterable[TestPoint], board: str) -> tuple[TestPoint, ...]:
     return tuple(replace(point, position=(point.position[0] + x, point.position[1] + y)) for point in points)
 
 
-def _copper(gerbers: Path) -> Copper:
-    """Return the connected copper of the Gerber layers and drill files in a folder."""
+def _layers(gerbers: Path) -> dict[int, list[CopperShape]]:
+    """Return the copper of each layer by its number, from 1 for the front; `gerbers`: folder of Gerber files."""
     layers = {}
     for file in sorted(gerbers.iterdir()):
-        match = _COPPER.search(read_text(file)) if file.suffix.startswith((".g", ".G")) else None
-        if match and not file.name.endswith("job.gbrjob"):
-            layers[int(match[1])] = read_gerber(file)
+        if file.suffix.startswith((".g", ".G")) and (number := copper_layer(read_text(file))):
+            layers[number] = read_gerber(file)
     if not layers:
         raise InputError("kicad-cli wrote no Gerber layer of copper; does the board have copper layers?")
-    holes = {
-        kind: [hole for file in gerbers.glob(f"*-{kind}.drl") for hole in read_excellon(file)]
-        for kind in ("PTH", "NPTH")
-    }
-    return connect_copper([layers[number] for number in sorted(layers)], holes["PTH"], holes["NPTH"])
+    return layers
+
+
+def _holes(gerbers: Path, kind: str) -> list[Hole]:
+    """Return the holes of a kind, "PTH" (plated) or "NPTH"; `gerbers`: folder of drill files."""
+    return [hole for file in sorted(gerbers.glob(f"*-{kind}.drl")) for hole in read_excellon(file)]
 
 
 def _values(text: str) -> dict[str, str]:

@@ -9,10 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.board_mutations import MUTATIONS, Place, Project, located
+from support.board_mutations import MUTATIONS, Place, Project, drill_through_a_track, located
 from support.cli import call
 
 import resgrid as rg
+from resgrid.hardware.tools import find_kicad
 
 CELLS = np.zeros((5, 4), np.uint8)
 CELLS[1, 1], CELLS[2, 1], CELLS[4, 3] = 1, 1, 2
@@ -55,6 +56,26 @@ def test_a_fault_is_found_and_located(board: Path, mutate: Callable[[Project], l
     check = rg.hardware.check_board(board)
     assert check.agrees is False
     assert located(check.findings, places), (places, check.findings)
+
+
+def test_old_files_for_the_manufacturer_are_found(board: Path, tmp_path: Path) -> None:
+    pcb = board / "grid.kicad_pcb"
+    kicad, gerbers = find_kicad(), tmp_path / "gerbers"
+    gerbers.mkdir()
+    kicad.run("pcb", "export", "gerbers", "-l", "F.Cu,B.Cu,F.Mask", "-o", f"{gerbers}/", pcb)
+    kicad.run("pcb", "export", "drill", "-o", f"{gerbers}/", pcb)
+    shutil.make_archive(str(board / "gerbers"), "zip", gerbers)
+    assert rg.hardware.check_board(board).agrees
+    project = Project.read(board, seed=1)
+    places = drill_through_a_track(project)
+    project.write(board)
+    findings = rg.hardware.check_board(board).findings
+    assert located(findings, places)
+    assert [finding for finding in findings if finding.startswith("gerbers.zip")] == [
+        "gerbers.zip: the holes differ from the board; export the drill files again"
+    ]
+    (board / "gerbers.zip").write_bytes(b"PK")
+    assert any(text.startswith("gerbers.zip cannot be read") for text in rg.hardware.check_board(board).findings)
 
 
 def test_a_changed_record_contradicts_itself_and_the_board(board: Path) -> None:
