@@ -89,6 +89,12 @@ class Project:
             track for track in subs(self.board, "segment") if self.net(track).startswith("n_") and length(track) > 1
         ]
 
+    def only_via(self, net: str = "") -> Tree:
+        """A via, on a given net or on any, that alone connects tracks of the front with the back."""
+        vias = [via for via in subs(self.board, "via") if self.net(via) == net or not net]
+        self.draw.shuffle(vias)
+        return next(via for via in vias if _is_only_hole(self, via))
+
     def symbol(self, name: str) -> tuple[Tree, Tree]:
         """The sheet and the symbol with a reference."""
         return next(
@@ -174,7 +180,7 @@ def shorten_a_track(project: Project) -> list[Place]:
 
 def delete_a_via(project: Project) -> list[Place]:
     """Delete a via that alone connects tracks of the front with the back."""
-    via = project.draw.choice([via for via in subs(project.board, "via") if _is_only_hole(project, via)])
+    via = project.only_via()
     project.board.remove(via)
     return [(project.net(via),)]
 
@@ -336,8 +342,7 @@ def cut_the_plane(project: Project) -> list[Place]:
     zone = max(zones, key=lambda zone: sum(len(sub(area, "pts")) for area in subs(zone, "filled_polygon")))
     areas = list(subs(zone, "filled_polygon"))
     copper = union_all([Polygon([numbers(xy) for xy in subs(sub(area, "pts"), "xy")]).buffer(0) for area in areas])
-    vias = [via for via in subs(project.board, "via") if project.net(via) == project.net(zone)]
-    via = project.draw.choice([via for via in vias if _is_only_hole(project, via)])
+    via = project.only_via(project.net(zone))
     centre = Point(numbers(sub(via, "at")))
     rest = copper.difference(centre.buffer(1.0).difference(centre.buffer(0.7)))
     for area in areas:
