@@ -42,6 +42,7 @@ ELSEWHERE = {
         "needs PETSc; tests/planning/test_petsc.py runs it",
     'resgrid solve map.yaml --goal 5,0 --method petsc --launcher "srun -n 64" -o field.npz':
         "needs PETSc and Slurm; tests/planning/test_petsc.py runs another launcher",
+    "resgrid check board/grid.kicad_pcb": "needs a board; tests/hardware/test_board_check.py runs it",
 }  # fmt: skip
 """Shown commands that are not run here, with the reason."""
 

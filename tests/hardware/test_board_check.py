@@ -1,4 +1,7 @@
-"""Verification of boards by kicad-cli and ngspice: a written board agrees, and every fault is found in its place."""
+"""Verification of boards by kicad-cli and ngspice: a written board agrees, and every fault is found in its place.
+
+Tests internals: `resgrid.hardware.tools`.
+"""
 
 from __future__ import annotations
 

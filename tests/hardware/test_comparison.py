@@ -1,4 +1,7 @@
-"""Differences between circuits: each is reported once, with its place."""
+"""Differences between circuits: each is reported once, with its place.
+
+Tests internals: `resgrid.hardware.comparison`.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""Gerber, drill and IPC-D-356 files: geometry, connection through holes, and rejected commands."""
+"""Gerber, drill and IPC-D-356 files: geometry, connection through holes, and rejected commands.
+
+Tests internals: `resgrid.hardware.copper`, `resgrid.hardware.excellon`, `resgrid.hardware.gerber`,
+`resgrid.hardware.ipc_d356`.
+"""
 
 from __future__ import annotations
 

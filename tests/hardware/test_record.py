@@ -1,4 +1,7 @@
-"""Records of boards and layouts: what is written is read again, and a damaged record names its problem."""
+"""Records of boards and layouts: what is written is read again, and a damaged record names its problem.
+
+Tests internals: `resgrid.hardware.record`.
+"""
 
 from __future__ import annotations
 

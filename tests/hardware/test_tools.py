@@ -1,4 +1,7 @@
-"""Outside programs: where they are found, and messages for absent, old, failing and slow programs."""
+"""Outside programs: where they are found, and messages for absent, old, failing and slow programs.
+
+Tests internals: `resgrid.hardware.tools`.
+"""
 
 from __future__ import annotations
 

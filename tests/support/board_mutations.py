@@ -34,7 +34,8 @@ def parse(text: str) -> Tree:
 
 
 def dump(tree: Any) -> str:
-    return f"({' '.join(map(dump, tree))})" if isinstance(tree, list) else tree
+    """The text of an S-expression, a list per line: KiCad reads no line of more than a million characters."""
+    return f"({' '.join(map(dump, tree))})\n" if isinstance(tree, list) else tree
 
 
 def sub(tree: Tree, key: str) -> Tree:
