@@ -12,6 +12,7 @@ import numpy as np
 from annotated_types import Ge, Gt, Le, Lt
 
 from resgrid._internal.numbers import Count
+from resgrid.chip.figures_of_merit import Proportion
 from resgrid.chip.study_analyses import study
 from resgrid.chip.yields import Yield
 from resgrid.core.cell import Cell
@@ -36,6 +37,12 @@ REVISION = "A"
 
 BITS = 10
 """Resolution, in bits, of the converter for which the yield is predicted unless the scene describes one."""
+
+_RESOLUTIONS = (12, 16)
+"""Further resolutions, in bits, for which the yield is predicted."""
+
+_TRIALS, _MANY_CELLS = 128, 400
+"""Number of simulated boards of a prediction, and number of cells from which a third of it has to suffice."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -150,6 +157,13 @@ class Board:
         readout = self.readout if bits is None else replace(self.readout, bits=bits)
         chip = Chip(resistance=wiring.resistance, supply=wiring.supply, mismatch=self.mismatch, readout=readout)
         return study(self.circuit.cells_netlist, chip).yields(trials=trials)
+
+    @cached_property
+    def predicted_yields(self) -> dict[int, Proportion]:
+        """Fraction of the starts that arrive, by the resolution of the converter in bits, from a few trials."""
+        trials = _TRIALS if self.circuit.space.cell.size <= _MANY_CELLS else _TRIALS // 3
+        resolutions = sorted({self.readout.bits or BITS, *_RESOLUTIONS})
+        return {bits: self.yields(trials=trials, bits=bits).overall for bits in resolutions}
 
     @cached_property
     def closed(self) -> dict[str, tuple[int, ...]]:
