@@ -105,6 +105,18 @@ def test_copper_of_different_nets_keeps_its_distance(kind: str, pitch: float) ->
         assert layer != other or net == name, (layer, net, name)
 
 
+@pytest.mark.parametrize("kind", ["fixed", "jumpers"])
+def test_open_borders_have_no_resistors(kind: str) -> None:
+    cells = np.zeros((6, 5), np.uint8)
+    cells[2, 2], cells[5, 4] = 1, 2
+    board = rg.hardware.build_board(space_of(cells), kind=kind, edge="open")
+    ends = [end for part in board.circuit.resistors for end in part.ends]
+    assert all(0 <= i < 6 and 0 <= j < 5 for i, j in ends)
+    assert all(len(parts) == 1 for parts in joined_pads(board).values())
+    record = board.record()
+    assert {net for part in record.parts if part.type == "resistor" for net in part.nets} == set(record.voltages)
+
+
 def test_a_missing_track_is_seen_by_the_geometry_test(monkeypatch: pytest.MonkeyPatch) -> None:
     board = rg.hardware.build_board(random_space(3))
     routing = route(board.placement)
