@@ -169,7 +169,7 @@ def test_a_driven_start_is_at_the_supply() -> None:
         ({"goal_voltage": 1.0}, "the goal rail of a board is its ground"),
         ({"pitch": 5.0}, r"pitch = 5 mm.*5.08 to 25.4 mm"),
         ({"kind": "jumpers", "pitch": 5.08}, "6.35 to 25.4 mm"),
-        ({"resistance": 10.0, "supply": 5.0}, r"dissipate 0\.\d+ W.*0603.*larger --resistance"),
+        ({"resistance": 10.0, "supply": 5.0}, r"dissipate [\d.]+ W.*0603.*larger --resistance"),
         ({"kind": "both"}, "kind"),
         ({"tolerance": 0.0}, "tolerance"),
     ],
