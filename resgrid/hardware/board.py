@@ -24,6 +24,7 @@ from resgrid.hardware.e_series import resistance_text
 from resgrid.hardware.kicad.footprints import PlacedFootprint
 from resgrid.hardware.placement import USUAL_PITCH, Index, Placement
 from resgrid.hardware.record import HardwareRecord, Part, PartType, Supply
+from resgrid.hardware.silkscreen import SEE_BACK
 from resgrid.planning.pipeline import problem_of
 from resgrid.planning.trace import start_cell
 from resgrid.scene import Scene
@@ -242,7 +243,7 @@ class Board:
                 walk,
                 "voltages: see back",
             )
-        return (f"hatched: obstacles {volts}, GOAL 0 V (GND)", walk, "voltages: see back")
+        return (f"hatched: obstacles {volts}, GOAL 0 V (GND)", walk, SEE_BACK)
 
 
 def build_board(
