@@ -241,7 +241,7 @@ class Board:
                 f"START {volts}, GOAL 0 V (GND)",
                 "hatched: obstacles, without resistors",
                 walk,
-                "voltages: see back",
+                SEE_BACK,
             )
         return (f"hatched: obstacles {volts}, GOAL 0 V (GND)", walk, SEE_BACK)
 
