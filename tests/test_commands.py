@@ -49,6 +49,7 @@ ELSEWHERE = {
 ALSO = {
     "run": ["--no-check"],
     "chip": ["--most=8", "--seconds=0.1", "--no-check"],
+    "board": ["--no-kicad"],
     "live": ["--no-browser", "--port=0"],
 }
 """Options that make a command shorter and leave the simulator, the browser and fixed ports alone."""

@@ -5,8 +5,10 @@ and the expected voltages, so that `resgrid check` can compare them with the net
 
 Examples
 --------
->>> space = rg.build_space(rg.read_scene("examples/scenes/lesson.toml"))
->>> rg.hardware.build_layout(space, "toy:poly")
+>>> scene = rg.read_scene("examples/scenes/lesson.toml")
+>>> rg.hardware.build_board(scene, kind="jumpers")
+<Board of kind jumpers: 8 x 8 cells, 144 resistors, 75.2 x 82.2 mm>
+>>> rg.hardware.build_layout(rg.build_space(scene), "toy:poly")
 <Layout of 8 x 8 cells in toy:poly: 140 resistors, 230 x 111.3 um>
 """
 

@@ -12,6 +12,7 @@ import numpy as np
 from annotated_types import Ge, Gt, Le, Lt
 
 from resgrid._internal.numbers import Count
+from resgrid.chip.figures_of_merit import Proportion
 from resgrid.chip.study_analyses import study
 from resgrid.chip.yields import Yield
 from resgrid.core.cell import Cell
@@ -23,6 +24,7 @@ from resgrid.hardware.e_series import resistance_text
 from resgrid.hardware.kicad.footprints import PlacedFootprint
 from resgrid.hardware.placement import USUAL_PITCH, Index, Placement
 from resgrid.hardware.record import HardwareRecord, Part, PartType, Supply
+from resgrid.hardware.silkscreen import SEE_BACK
 from resgrid.planning.pipeline import problem_of
 from resgrid.planning.trace import start_cell
 from resgrid.scene import Scene
@@ -36,6 +38,12 @@ REVISION = "A"
 
 BITS = 10
 """Resolution, in bits, of the converter for which the yield is predicted unless the scene describes one."""
+
+_RESOLUTIONS = (12, 16)
+"""Further resolutions, in bits, for which the yield is predicted."""
+
+_TRIALS, _MANY_CELLS = 128, 400
+"""Number of simulated boards of a prediction, and number of cells from which a third of it has to suffice."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -152,6 +160,13 @@ class Board:
         return study(self.circuit.cells_netlist, chip).yields(trials=trials)
 
     @cached_property
+    def predicted_yields(self) -> dict[int, Proportion]:
+        """Fraction of the starts that arrive, by the resolution of the converter in bits, from a few trials."""
+        trials = _TRIALS if self.circuit.space.cell.size <= _MANY_CELLS else _TRIALS // 3
+        resolutions = sorted({self.readout.bits or BITS, *_RESOLUTIONS})
+        return {bits: self.yields(trials=trials, bits=bits).overall for bits in resolutions}
+
+    @cached_property
     def closed(self) -> dict[str, tuple[int, ...]]:
         """Numbers of the pads of each solder jumper that the jumper plan joins, by reference; no entry if open."""
         pads = {Cell.OBSTACLE: (1, 2), Cell.GOAL: (2, 3)}
@@ -226,9 +241,9 @@ class Board:
                 f"START {volts}, GOAL 0 V (GND)",
                 "hatched: obstacles, without resistors",
                 walk,
-                "voltages: see back",
+                SEE_BACK,
             )
-        return (f"hatched: obstacles {volts}, GOAL 0 V (GND)", walk, "voltages: see back")
+        return (f"hatched: obstacles {volts}, GOAL 0 V (GND)", walk, SEE_BACK)
 
 
 def build_board(

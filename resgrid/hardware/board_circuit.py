@@ -26,6 +26,9 @@ Kind = Literal["fixed", "jumpers"]
 MOST_CELLS = 64
 """Largest number of cells along an axis of a board."""
 
+MOST_HEAT = 0.1
+"""Rated power of a resistor of size 0603, in watts."""
+
 GROUND_NET, OBSTACLE_NET, GOAL_NET = "0", "obstacle", "goal"
 """Names of the nets of ground, of the obstacle rail, and of the goal rail of a board with jumpers."""
 
@@ -162,6 +165,12 @@ class BoardCircuit:
         return self.power / self.wiring.supply
 
     @property
+    def hottest(self) -> float:
+        """Largest power that one resistor dissipates, in watts."""
+        across = self.op.voltage[self.netlist.resistor_nodes] @ [1.0, -1.0]
+        return float(np.nanmax(across**2 * self.netlist.conductance, initial=0.0))
+
+    @property
     def goal_currents(self) -> dict[str, float]:
         """Current into every goal region, in amperes, by the region's name ``goal_0``, ``goal_1`` ..."""
         volts, total = self.op.voltage, dict[str, float]()
@@ -189,7 +198,13 @@ def board_circuit(space: ConfigurationSpace, kind: Kind, wiring: Wiring) -> Boar
         raise CircuitError(why)
     ideal = compile_space(space, wiring, rails="cells" if kind == "jumpers" else "merged")
     rounded = nearest_e96(1.0 / ideal.conductance)
-    return BoardCircuit(kind, ideal, solve(ideal.replace(conductance=1.0 / rounded)))
+    circuit = BoardCircuit(kind, ideal, solve(ideal.replace(conductance=1.0 / rounded)))
+    if circuit.hottest > MOST_HEAT:
+        raise InputError(
+            f"one resistor would dissipate {circuit.hottest:.2g} W, and resistors of size 0603 withstand "
+            f"{MOST_HEAT:g} W; choose a larger --resistance or a lower --set chip.supply"
+        )
+    return circuit
 
 
 def _problems(space: ConfigurationSpace, kind: Kind, wiring: Wiring) -> Iterator[str]:

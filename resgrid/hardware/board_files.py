@@ -7,7 +7,6 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from resgrid._internal.files import write_text
-from resgrid.chip.figures_of_merit import Proportion
 from resgrid.hardware.bill import format_bill, format_voltages
 from resgrid.hardware.board import FILE, REVISION, Board
 from resgrid.hardware.board_schematic import draw_schematic
@@ -24,9 +23,6 @@ from resgrid.hardware.teacher_readme import format_readme
 from resgrid.hardware.tools import KicadCli
 
 _CORNER_RADIUS = 3.0
-_READOUTS = (12, 16)
-"""Further resolutions, in bits, for which the README has the predicted yield."""
-
 _SHEETS = (("A4", 297.0, 210.0), ("A3", 420.0, 297.0), ("A2", 594.0, 420.0), ("A1", 841.0, 594.0))
 """Sheets on which the board is drawn: name, width and height in millimetres."""
 
@@ -55,19 +51,13 @@ def board_files(board: Board, *, manufactured: bool = False) -> dict[str, str]:
         f"{PROJECT}.record.json": format_record(board.record()),
         "bill_of_materials.csv": format_bill(board),
         "expected_voltages.csv": format_voltages(board),
-        "README.md": format_readme(board, predicted_yields(board), manufactured=manufactured),
+        "README.md": format_readme(board, board.predicted_yields, manufactured=manufactured),
     }
     for sheet in sheets:
         files[sheet.file] = format_sheet(sheet, sheets[0], board.title, REVISION, comments)
     for name, footprint in footprints.items():
         files[f"{LIBRARY}.pretty/{name}.kicad_mod"] = format_footprint(footprint)
     return files
-
-
-def predicted_yields(board: Board) -> Mapping[int, Proportion]:
-    """Return the predicted fraction of starts that arrive, by the resolution of the converter in bits."""
-    resolutions = sorted({board.readout.bits or 0, *_READOUTS})
-    return {bits: board.yields(trials=128, bits=bits).overall for bits in resolutions if bits}
 
 
 def write_board(board: Board, folder: Path, *, manufactured: bool = False) -> list[str]:

@@ -117,7 +117,7 @@ class _Drawing:
         jumper = self._jumpers.get(cell)
         if jumper is None:
             return
-        x, y = x + 15.24, y + 10.16
+        x, y = x + 15.24, y + 7.62
         state = self._circuit.space.cell[cell]
         model = None if state == Cell.FREE else _closed(1 if state == Cell.OBSTACLE else 3)
         sheet.symbols.append(_part(symbols.SOLDER_JUMPER, jumper, x, y, TextPlace(2.2, 2.9, _SMALL, "left"), model))

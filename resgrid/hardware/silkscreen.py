@@ -25,6 +25,9 @@ _FREE_OF_PADS, _FREE_OF_TEXT = 0.25, 0.2
 _INSET, _OVERLAP = 0.3, 0.02
 """Distance of an obstacle's outline from its border, and overlap of squares, so that their union has no gaps."""
 
+SEE_BACK = "voltages: see back"
+"""Line of the legend that only the front has."""
+
 _LEGEND = 5
 """Largest number of lines of the legend."""
 
@@ -149,7 +152,10 @@ def _back(placement: Placement, legend: Legend) -> Iterator[Text]:
     right = x1 - 8.2
     yield Text(title.text, right, title.y, title.size, layer="B.SilkS", align="left", thickness=title.thickness)
     most = int((x1 - x0 - 16.5) / (0.95 * 0.8))
-    for number, line in enumerate(_wrapped(legend[2], most)[:3]):
+    lines = [line for line in legend[2] if line != SEE_BACK]
+    if placement.circuit.kind == "fixed":
+        lines.append("numbers: expected voltages in V")
+    for number, line in enumerate(_wrapped(lines, most)[:3]):
         yield Text(line, right, round(y1 - 4.3 + 1.45 * number, 4), layer="B.SilkS", align="left")
     if placement.circuit.kind == "jumpers":
         return

@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from math import sqrt
 from textwrap import fill
 from typing import TYPE_CHECKING
 
 from resgrid.chip.figures_of_merit import Proportion, formatted
 from resgrid.hardware.bill import SPARE, bill_rows
+from resgrid.hardware.board_circuit import MOST_HEAT
 from resgrid.hardware.e_series import resistance_text
 
 if TYPE_CHECKING:
     from resgrid.hardware.board import Board
+
+_MOST_VOLTS = 12.0
+"""Largest supply that the README recommends, in volts."""
 
 CHEAP = 100.0
 """Width and height in millimetres up to which manufacturers of boards have a low price."""
@@ -57,6 +62,9 @@ def _head(board: Board) -> str:
     """Return title and purpose."""
     width, height = board.size
     wiring = board.circuit.wiring
+    high = f"obstacles are at {wiring.supply:g} V"
+    if wiring.is_driven:
+        high = f"obstacles have no resistors, the start is at {wiring.supply:g} V"
     small = max(width, height) <= CHEAP
     price = (
         "It fits into 100 x 100 mm, the size up to which manufacturers charge least."
@@ -71,9 +79,9 @@ def _head(board: Board) -> str:
     }[board.kind]
     return f"""# {board.title}: a resistor grid for the classroom
 
-A robot finds its way in this circuit: every cell of the map is a point of a grid of resistors, obstacles are at
-{wiring.supply:g} V, and the goal is at 0 V. The voltage has no local minimum, so a robot that always steps
-to the neighbour with the lowest voltage arrives at the goal (Tarassenko & Blake 1991). {about}
+A robot finds its way in this circuit: every cell of the map is a point of a grid of resistors,
+{high}, and the goal is at 0 V. The voltage has no local minimum, so a
+robot that always steps to the neighbour with the lowest voltage arrives at the goal (Tarassenko & Blake 1991). {about}
 
 - size: {width:.1f} x {height:.1f} mm, two layers. {price}
 - cells: {board.summary}
@@ -135,6 +143,7 @@ def _measure(board: Board) -> str:
     circuit = board.circuit
     goals = ", ".join(f"{name}: {formatted(amps, 'A')}" for name, amps in circuit.goal_currents.items())
     volts = circuit.wiring.supply
+    most = min(_MOST_VOLTS, abs(volts) * sqrt(0.5 * MOST_HEAT / circuit.hottest))
     examples = [
         placed for placed in board.placement.test_pads
         if placed.nets[0] not in (circuit.high_net, *circuit.goal_nets)
@@ -151,7 +160,7 @@ def _measure(board: Board) -> str:
     return f"""## What to measure
 
 Connect {volts:g} V to J1: plus to `{volts:+g}V`, minus to `GND`. Exchanged wires do no harm, but all voltages
-are negative then. Any other supply of up to 12 V also works: all voltages are proportional to it.
+are negative then. Any other supply of up to {most:.2g} V also works: all voltages are proportional to it.
 
 - Supply current: {formatted(circuit.supply_current, "A")}. Current into each goal: {goals}.
 - Voltage of each pad against GND: `expected_voltages.csv`, by column (x) and row (y).{back} With resistors of
@@ -163,6 +172,13 @@ are negative then. Any other supply of up to 12 V also works: all voltages are p
 
 def _yield(board: Board, yields: Mapping[int, Proportion]) -> str:
     """Return the section on the predicted yield."""
+    advice = "If too few starts arrive, take a finer converter."
+    if board.circuit.wiring.boundary == "dirichlet":
+        advice = (
+            "Obstacles at the supply flatten the voltages far from the goal. If too few starts arrive, take a finer "
+            "converter, or write a fixed board with `--boundary wall --set chip.wall_resistance=100k`, or with "
+            "`--boundary neumann --drive start`: their voltages differ more."
+        )
     rows = "\n".join(f"| {bits} bits | {share} |" for bits, share in sorted(yields.items()))
     return f"""## Predicted yield
 
@@ -173,10 +189,7 @@ The fraction of starts from which a robot that reads the voltages with a convert
 |---|---|
 {rows}
 
-A multimeter with 2000 counts corresponds to 11 bits. Obstacles at the supply flatten the voltages far from the goal.
-If too few starts arrive, take a finer converter, or write a board with
-`--boundary wall --set chip.wall_resistance=100k`, or with
-`--boundary neumann --drive start`: their voltages differ more."""
+A multimeter with 2000 counts corresponds to 11 bits. {advice}"""
 
 
 def _help(board: Board) -> str:

@@ -11,7 +11,6 @@ from matplotlib.patches import Circle, FancyBboxPatch, Rectangle
 
 from resgrid._internal.colours import GOAL
 from resgrid.core.cell import Cell
-from resgrid.errors import InputError
 from resgrid.plot.style import OBSTACLE, SMALL, TEXT, dress
 
 if TYPE_CHECKING:
@@ -31,8 +30,6 @@ def draw_board(board: Board, ax: Axes, side: Literal["plan", "front", "back"] = 
 
     `board`: the board; `ax`: axes to draw on; `side`: "plan", or "front" or "back" for copper, pads and silkscreen.
     """
-    if side not in ("plan", "front", "back"):
-        raise InputError(f"side = {side!r}: choose 'plan', 'front' or 'back'")
     return _draw_plan(board, ax) if side == "plan" else _draw_side(board, ax, side)
 
 

@@ -105,6 +105,18 @@ def test_copper_of_different_nets_keeps_its_distance(kind: str, pitch: float) ->
         assert layer != other or net == name, (layer, net, name)
 
 
+@pytest.mark.parametrize("kind", ["fixed", "jumpers"])
+def test_open_borders_have_no_resistors(kind: str) -> None:
+    cells = np.zeros((6, 5), np.uint8)
+    cells[2, 2], cells[5, 4] = 1, 2
+    board = rg.hardware.build_board(space_of(cells), kind=kind, edge="open")
+    ends = [end for part in board.circuit.resistors for end in part.ends]
+    assert all(0 <= i < 6 and 0 <= j < 5 for i, j in ends)
+    assert all(len(parts) == 1 for parts in joined_pads(board).values())
+    record = board.record()
+    assert {net for part in record.parts if part.type == "resistor" for net in part.nets} == set(record.voltages)
+
+
 def test_a_missing_track_is_seen_by_the_geometry_test(monkeypatch: pytest.MonkeyPatch) -> None:
     board = rg.hardware.build_board(random_space(3))
     routing = route(board.placement)
@@ -157,6 +169,7 @@ def test_a_driven_start_is_at_the_supply() -> None:
         ({"goal_voltage": 1.0}, "the goal rail of a board is its ground"),
         ({"pitch": 5.0}, r"pitch = 5 mm.*5.08 to 25.4 mm"),
         ({"kind": "jumpers", "pitch": 5.08}, "6.35 to 25.4 mm"),
+        ({"resistance": 10.0, "supply": 5.0}, r"dissipate [\d.]+ W.*0603.*larger --resistance"),
         ({"kind": "both"}, "kind"),
         ({"tolerance": 0.0}, "tolerance"),
     ],
@@ -279,7 +292,7 @@ def test_a_board_has_pictures() -> None:
     assert letters.count("O") == 7 and letters.count("G") == 1
     for side in ("front", "back"):
         assert any(text.get_text() == "Eight by eight" for text in rg.draw(board, side=side).texts)
-    with pytest.raises(rg.InputError, match="'plan', 'front' or 'back'"):
+    with pytest.raises(rg.InputError, match="'plan' or 'front' or 'back'"):
         rg.draw(board, side="left")
 
 

@@ -172,7 +172,7 @@ def _wire(start: Point, stop: Point, sheet: str) -> Node:
 def _label(number: int, label: tuple[str, Point, int], sheet: str) -> Node:
     """Return a global label, which names a net on all sheets; `number`: its number, for its identifier."""
     text, place, turn = label
-    align = "right" if turn == 180 else "left"
+    align = "right" if turn in (180, 270) else "left"
     return [
         "global_label", text, ["shape", Word("passive")], ["at", *place, turn], ["fields_autoplaced", YES],
         effects(1.0, align=align), uuid_of("label", sheet, number),
