@@ -41,7 +41,7 @@ def check_hardware(source: CommandInput, tolerance: float, timeout: float) -> in
     path = Path(source.file)
     is_layout = path.suffix.lower() in _LAYOUTS
     with stage("extract and compare the circuit"):
-        verify = getattr(rg.hardware, "check_layout" if is_layout else "check_board")
+        verify = rg.hardware.check_layout if is_layout else rg.hardware.check_board
         result = verify(path, tolerance=tolerance, timeout=timeout)
     finish(hardware_data(result), hardware_lines(result))
     return NOT_VERIFIED if result.agrees is None else 0 if result.agrees else NEGATIVE
@@ -60,7 +60,8 @@ def hardware_lines(result: HardwareCheck) -> Iterable[str]:
         error = result.max_relative_error
         largest = "" if error is None else f"; the largest error of a voltage is {error:.1e} of the supply"
         counts = f"{counted(result.parts, 'part')} and {counted(result.nodes, 'net')}"
-        yield f"{tools} confirm the record with {counts}{largest}"
+        verb = "confirm" if len(result.tools) > 1 else "confirms"
+        yield f"{tools} {verb} the record with {counts}{largest}"
     elif result.findings:
         yield f"the {result.kind} DISAGREES with its record: {counted(len(result.findings), 'finding')} ({tools})"
     if not result.verified:
