@@ -25,7 +25,7 @@ CIRCUIT_CELLS = 8
 
 @subcommand(
     "plot",
-    examples=("resgrid plot map.yaml --what space -o map.png", "resgrid plot rooms.toml --k 0 -o page.pdf"),
+    examples=("resgrid plot map.yaml --what space -o cells.png", "resgrid plot rooms.toml --k 0 -o page.pdf"),
 )
 @with_source()
 @output_option("The picture: FILE.png, .pdf or .svg; - prints a PNG.", required=True)
