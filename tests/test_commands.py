@@ -1,6 +1,7 @@
 """Commands shown in pages, docstrings, help, scenes and the live page, run as shown in this process.
 
-Tests internals: `resgrid.cli`, `resgrid.cli.entry`, `resgrid.live_page.launch`, `resgrid.scene.overrides`.
+Tests internals: `resgrid.cli`, `resgrid.cli.entry`, `resgrid.live_page.launch`, `resgrid.scene.overrides`,
+`resgrid.viewer.launch`.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from resgrid.cli import main
 from resgrid.cli.entry import SUBCOMMANDS
 from resgrid.live_page.launch import LivePage
 from resgrid.scene.overrides import document_of
+from resgrid.viewer.launch import Viewer
 
 ELSEWHERE = {
     "srun resgrid chip chip.toml --only yield --most 1000000 --executor mpi -o report": "needs Slurm",
@@ -43,6 +45,7 @@ ELSEWHERE = {
     'resgrid solve map.yaml --goal 5,0 --method petsc --launcher "srun -n 64" -o field.npz':
         "needs PETSc and Slurm; tests/planning/test_petsc.py runs another launcher",
     "resgrid check board/grid.kicad_pcb": "needs a board; tests/hardware/test_board_check.py runs it",
+    "resgrid check chip.gds": "needs a layout; tests/hardware/test_layouts.py runs it",
 }  # fmt: skip
 """Shown commands that are not run here, with the reason."""
 
@@ -101,6 +104,7 @@ def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("SLURM_ARRAY_TASK_ID", "3")
     monkeypatch.setattr("resgrid.cli.control.FRAMES", 6)
     monkeypatch.setattr(LivePage, "wait", lambda _page: None)
+    monkeypatch.setattr(Viewer, "wait", lambda _page: None)
     monkeypatch.setattr("resgrid.cli.live.is_computing", lambda **_words: False)  # the interrupt would end this process
     return tmp_path
 

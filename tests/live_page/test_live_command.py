@@ -46,8 +46,8 @@ def test_an_interrupt_ends_the_server_while_a_request_is_running():
     assert (process.returncode, complaints) == (0, "")
 
 
-def test_a_scene_of_three_axes_exits_with_2(scenes):
-    result = call("live", scenes / "voxels.toml", "--no-browser")
+def test_a_scene_of_a_turning_robot_exits_with_2(scenes):
+    result = call("live", scenes / "turning.toml", "--no-browser")
     assert result.exit_code == 2 and "3 axes" in result.stderr
 
 
