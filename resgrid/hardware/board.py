@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import sqrt
@@ -303,7 +304,7 @@ def build_board(
         space, readout = problem.space, source.chip.readout
         own = problem.only_wiring()[1]
         starts = tuple(start_cell(space, start) for start in source.starts)
-        title = source.title or "Resistor grid"
+        title = _printable(source.title) or "Resistor grid"
     else:
         if space is not None:
             raise InputError("space = ... belongs to a scene; the first argument is a space already, leave it out")
@@ -314,3 +315,9 @@ def build_board(
     circuit = board_circuit(space, kind, own.on(space))
     cells = tuple((int(start[0]), int(start[1])) for start in starts)
     return Board(circuit, Placement(circuit, float(pitch)), title, float(tolerance), cells, readout)
+
+
+def _printable(title: str) -> str:
+    """Return a title on one line, without control characters and marks of KiCad's variables and expressions."""
+    words = "".join(letter if letter.isprintable() else " " for letter in title).split()
+    return re.sub(r"[$@](?=\{)|%(?=\w)", "", " ".join(words))

@@ -26,6 +26,9 @@ Kind = Literal["fixed", "jumpers"]
 MOST_CELLS = 64
 """Largest number of cells along an axis of a board."""
 
+RESISTORS = (1.0, 10e6)
+"""Lowest and highest resistance of common resistors of size 0603, in ohms."""
+
 MOST_HEAT = 0.1
 """Rated power of a resistor of size 0603, in watts."""
 
@@ -198,6 +201,12 @@ def board_circuit(space: ConfigurationSpace, kind: Kind, wiring: Wiring) -> Boar
         raise CircuitError(why)
     ideal = compile_space(space, wiring, rails="cells" if kind == "jumpers" else "merged")
     rounded = nearest_e96(1.0 / ideal.conductance)
+    low, high = RESISTORS
+    if (outside := rounded[(rounded < low) | (rounded > high)]).size:
+        raise InputError(
+            f"a resistor has {outside[0]:g} ohm, and resistors of size 0603 are sold from {low:g} ohm to {high:g} ohm; "
+            "choose another --resistance, such as 10k"
+        )
     circuit = BoardCircuit(kind, ideal, solve(ideal.replace(conductance=1.0 / rounded)))
     if circuit.hottest > MOST_HEAT:
         raise InputError(
@@ -233,6 +242,8 @@ def _problems(space: ConfigurationSpace, kind: Kind, wiring: Wiring) -> Iterator
             f"drive = 'uniform' needs {count} current sources, one for each free cell, and a board has only resistors; "
             "choose --drive start with one --start X,Y (the start is at the supply), or --boundary dirichlet"
         )
+    if wiring.supply < 0:
+        yield f"supply = {wiring.supply:g} V, but the rail of the obstacles is positive; give a supply above 0 V"
     if wiring.goal_voltage != 0:
         yield f"goal_voltage = {wiring.goal_voltage:g} V, but the goal rail of a board is its ground; leave it out"
     if kind == "jumpers":

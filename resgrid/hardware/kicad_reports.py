@@ -86,8 +86,11 @@ def report_board(kicad: KicadCli, board: Path, folder: Path, timeout: float) -> 
             ["sch", "erc", "--format", "json", "--severity-all", "-o", folder / _ERC, schematic],
             ["sch", "export", "netlist", "--format", "spice", "-o", folder / _SPICE, schematic],
         ]
-    with ThreadPoolExecutor(_RUNS) as pool:
-        list(pool.map(lambda arguments: kicad.run(*arguments, timeout=timeout), runs))
+    try:
+        with ThreadPoolExecutor(_RUNS) as pool:
+            list(pool.map(lambda arguments: kicad.run(*arguments, timeout=timeout), runs))
+    except InputError as error:
+        raise InputError(str(error).replace(str(copy), str(board))) from None
     layers, plated, unplated = _layers(gerbers), _holes(gerbers, "PTH"), _holes(gerbers, "NPTH")
     return BoardReports(
         rules=_rules(folder),

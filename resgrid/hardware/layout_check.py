@@ -70,7 +70,8 @@ def check_layout(
     """
     path, record = Path(file), read_record(file)
     if record.kind != "layout" or record.process is None:
-        raise InputError(f"{file}: its record describes a board; give a .gds or .oas file")
+        state = "names no process" if record.kind == "layout" else "describes a board"
+        raise InputError(f"{file}: its record {state}; write the layout again with 'resgrid layout'")
     try:
         tool = find_klayout()
     except ToolMissingError as error:
@@ -130,7 +131,8 @@ def _located(message: str, extraction: Extraction) -> str:
         return message
     matches = [_NAME.search(words) for words in message.rsplit(" pads ", maxsplit=1)[-1].split(" | ")]
     found = {match.group(0): _place(match, extraction) for match in matches if match is not None}
-    places = " and ".join(f"{name} at ({x:.3f}, {y:.3f}) um" for name, (x, y) in found.items())
+    shown = {name: place for name, place in found.items() if math.isfinite(place[0])}
+    places = " and ".join(f"{name} at ({x:.3f}, {y:.3f}) um" for name, (x, y) in shown.items())
     return f"{message}; {places}" if places else message
 
 

@@ -17,6 +17,12 @@ from resgrid.hardware.placement import LANE, Placement, Point, rounded
 _RAIL, _THIN, _WIDE = 0.8, 0.2, 0.3
 """Widths of the tracks of rails, of a converter's channels, and of goal regions, in millimetres."""
 
+_CLEARANCE = 0.2
+"""Smallest distance of tracks on different nets by the rules of the project, in millimetres."""
+
+_BELOW = 1.65
+"""Distance of the first goal track from the middle of its row, in millimetres."""
+
 _FIRST_LANE = 0.95
 """Distance of the first vertical track from the ring, in millimetres."""
 
@@ -104,7 +110,7 @@ def _goal_tracks(placement: Placement) -> Iterator[Track]:
     links = _links(placement)
     for number, tap in enumerate(placement.goal_taps):
         (x, y), (link_x, link_y) = placement.at(*tap.cell), links[tap.net]
-        height = y + 1.6 - 0.45 * tap.lane
+        height = y + _BELOW - (_WIDE + _CLEARANCE) * tap.lane
         lane = _FIRST_LANE + LANE * number
         corners = [(x, y), (x, height), (right + lane, height), (right + lane, bottom + lane), (link_x, bottom + lane)]
         yield from _path([*corners, (link_x, link_y)], tap.net, "B.Cu", _WIDE)

@@ -5,6 +5,7 @@ Tests internals: `resgrid.hardware.tools`.
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import shutil
 from collections.abc import Callable
@@ -142,3 +143,26 @@ def test_folders_and_files_without_one_board_are_rejected(board: Path, tmp_path:
     (board / "grid.kicad_pcb").write_text("(kicad_pcb")
     with pytest.raises(rg.InputError, match=r"'kicad-cli pcb \w+.*' failed for .*grid\.kicad_pcb"):
         rg.hardware.check_board(board / "grid.kicad_pcb")
+
+
+@pytest.mark.parametrize("goals", [((0, 1), (6, 1)), ((2, 2), (6, 2)), ((0, 7), (7, 7))])
+def test_two_goal_regions_in_a_row_keep_the_clearance(tmp_path: Path, goals: tuple[tuple[int, int], ...]) -> None:
+    scene = rg.read_scene("lesson.toml", goal=[rg.GoalCell(goal) for goal in goals])
+    check = rg.hardware.check_board(rg.save(rg.hardware.build_board(scene), tmp_path / "board"))
+    assert check.agrees, check.findings
+
+
+def test_marks_of_variables_in_a_title_are_not_expanded(tmp_path: Path) -> None:
+    scene = dataclasses.replace(rg.read_scene("lesson.toml"), title="a ${REFERENCE}\n%R @{1+1}")
+    board = rg.hardware.build_board(scene)
+    assert board.title == "a {REFERENCE} R {1+1}"
+    check = rg.hardware.check_board(rg.save(board, tmp_path / "board"))
+    assert check.agrees, check.findings
+
+
+@pytest.mark.parametrize(
+    ("options", "message"), [({"supply": -5.0}, "positive"), ({"resistance": 1e12}, "sold from 1 ohm")]
+)
+def test_supplies_and_resistors_that_no_board_has_are_refused(options: dict[str, float], message: str) -> None:
+    with pytest.raises(rg.InputError, match=message):
+        rg.hardware.build_board(rg.build_space(rg.read_scene("lesson.toml")), **options)  # type: ignore[arg-type]
