@@ -21,7 +21,7 @@ import os
 import re
 import sys
 import types
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from importlib import import_module
 from typing import (
     IO,
@@ -207,7 +207,7 @@ def type_check_of(hint: Any) -> TypeCheck:  # noqa: PLR0911
         return TypeCheck(lambda value: any(kind.accepts(value) for kind in kinds), words)
     if hint in _PLAIN:
         return _PLAIN[hint]
-    if origin in (tuple, list, Sequence, Iterable):
+    if origin in (tuple, list, Sequence, Collection, Iterable):
         return _list_of(origin, parts)
     if origin is Mapping:
         fits = type_check_of(parts[1]).accepts
@@ -276,7 +276,8 @@ def _list_of(origin: Any, parts: tuple[Any, ...]) -> TypeCheck:
 
     count = f"{len(parts)} " if is_fixed else ""
     entry = entries[0] if len({*parts} - {...}) == 1 else None
-    return TypeCheck(accepts, (f"a list of {count}{_plural(entries[0].words)}",), entry)
+    words = "a list" if parts[0] is Any and not is_fixed else f"a list of {count}{_plural(entries[0].words)}"
+    return TypeCheck(accepts, (words,), entry)
 
 
 def _plural(words: Sequence[str]) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from concurrent.futures import Executor
 from contextlib import closing
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ from resgrid.circuit.network_reduction import (
     resistances_between,
 )
 from resgrid.circuit.solve import CircuitLike, netlist_of
-from resgrid.circuit.terminals import Nodes, TerminalReader, joined_nodes, require_linear
+from resgrid.circuit.terminals import Nodes, TerminalReader, joined_nodes, pairs_of, require_linear
 from resgrid.core.netlist import Netlist
 from resgrid.errors import InputError
 
@@ -150,9 +150,9 @@ class _Options(NamedTuple):
 
 def effective_resistance(
     netlist: Netlist | CircuitLike,
-    pairs: Sequence[Any] | NDArray[Any] | None = None,
+    pairs: Collection[Any] | None = None,
     *,
-    terminals: Sequence[Any] | NDArray[Any] | None = None,
+    terminals: Collection[Any] | None = None,
     cells: bool = False,
     joined: Joined = "pair",
     method: str = "auto",
@@ -172,9 +172,10 @@ def effective_resistance(
         Circuit of linear resistors.
     pairs : sequence of (first, second), optional
         The pairs.  A terminal is a node number, a node name, a list of both, or a mask of nodes.  A list or mask is a
-        region, whose nodes are joined by an ideal wire.
+        region, whose nodes are joined by an ideal wire.  An empty list gives an empty result.
     terminals : sequence, optional
-        Terminals whose pairs are all computed, in the order (0, 1), (0, 2), ..., (1, 2), ...; instead of `pairs`.
+        At least two terminals, whose pairs are all computed, in the order (0, 1), (0, 2), ..., (1, 2), ...; instead of
+        `pairs`.
     cells : bool
         Whether terminals are cells of the compiled space: a tuple of indices, a list of tuples, or a mask of cells.
     joined : {"pair", "all"}
@@ -197,8 +198,8 @@ def effective_resistance(
     Raises
     ------
     InputError
-        If a node or cell does not exist, both or neither of `pairs` and `terminals` are given, or the circuit has
-        nonlinear resistors.
+        If a node or cell does not exist, both or neither of `pairs` and `terminals` are given, there are fewer than two
+        terminals, or the circuit has nonlinear resistors.
     AccuracyError
         If the accuracy of the conductances is not reached.
     BudgetError
@@ -225,8 +226,10 @@ def effective_resistance(
     circuit = netlist_of(netlist)
     require_linear(circuit)
     read = TerminalReader(circuit, cells)
-    ends, chosen = _pairs_of(read, pairs, terminals)
+    ends, chosen = pairs_of(read, pairs, terminals)
     options = _Options(method, threads, executor, progress)
+    if not len(chosen):
+        return EffectiveResistance(circuit, ends, chosen, np.zeros(0), 0.0, "none")
     if joined == "all" or all(len(nodes) == 1 for nodes in ends):
         resistance, error, used = _share_factors(circuit, ends, chosen, options)
     else:
@@ -236,7 +239,7 @@ def effective_resistance(
 
 def reduce_network(
     netlist: Netlist | CircuitLike,
-    terminals: Sequence[Any] | NDArray[Any],
+    terminals: Collection[Any],
     *,
     cells: bool = False,
     method: str = "auto",
@@ -313,35 +316,6 @@ def reduce_network(
 def _unique_names(names: list[str]) -> list[str]:
     """Return names with ``0`` replaced by ``ground``, the name of an original ground node in a reduced network."""
     return ["ground" if name == "0" else name for name in names]
-
-
-def _pairs_of(
-    read: TerminalReader, pairs: Sequence[Any] | NDArray[Any] | None, terminals: Sequence[Any] | NDArray[Any] | None
-) -> tuple[tuple[Nodes, ...], NDArray[np.int64]]:
-    """Return the different terminals, and the pairs (p, 2) as indices into them.
-
-    `read`: converts terminals to nodes; `pairs`, `terminals`: arguments of `effective_resistance`.
-    """
-    if (pairs is None) == (terminals is None):
-        raise InputError("give either pairs, such as [(0, 5)], or terminals, such as [0, 5, 7]")
-    if terminals is not None:
-        ends = tuple(read.nodes(terminal) for terminal in terminals)
-        first, second = np.triu_indices(len(ends), 1)
-        return ends, np.stack([first, second], axis=1).astype(np.int64)
-    number_of: dict[bytes, int] = {}
-    found: list[Nodes] = []
-    rows = []
-    for place, pair in enumerate(() if pairs is None else pairs):
-        if isinstance(pair, str) or not isinstance(pair, Sequence | np.ndarray) or len(pair) != 2:
-            raise InputError(f"pairs[{place}] = {pair!r} is not a pair of terminals; write [(first, second), ...]")
-        row = []
-        for nodes in map(read.nodes, pair):
-            number = number_of.setdefault(nodes.tobytes(), len(found))
-            if number == len(found):
-                found.append(nodes)
-            row.append(number)
-        rows.append(row)
-    return tuple(found), np.array(rows, dtype=np.int64).reshape(-1, 2)
 
 
 def _share_factors(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import islice
@@ -101,6 +101,38 @@ class TerminalReader:
                 "choose a free cell"
             )
         return int(node[cell])
+
+
+def pairs_of(
+    read: TerminalReader, pairs: Collection[Any] | None, terminals: Collection[Any] | None
+) -> tuple[tuple[Nodes, ...], NDArray[np.int64]]:
+    """Return the different terminals, and the pairs (p, 2) as indices into them.
+
+    `read`: converts terminals to nodes; `pairs`, `terminals`: arguments of `effective_resistance`.
+    """
+    if (pairs is None) == (terminals is None):
+        raise InputError("give either pairs, such as [(0, 5)], or terminals, such as [0, 5, 7]")
+    if terminals is not None:
+        if len(terminals) < 2:
+            count = f"{len(terminals)} entry" if len(terminals) else "no entries"
+            raise InputError(f"terminals has {count}; give at least two, such as [0, 5]")
+        ends = tuple(read.nodes(terminal) for terminal in terminals)
+        first, second = np.triu_indices(len(ends), 1)
+        return ends, np.stack([first, second], axis=1).astype(np.int64)
+    number_of: dict[bytes, int] = {}
+    found: list[Nodes] = []
+    rows = []
+    for place, pair in enumerate(() if pairs is None else pairs):
+        if isinstance(pair, str) or not isinstance(pair, Sequence | np.ndarray) or len(pair) != 2:
+            raise InputError(f"pairs[{place}] = {pair!r} is not a pair of terminals; write [(first, second), ...]")
+        row = []
+        for nodes in map(read.nodes, pair):
+            number = number_of.setdefault(nodes.tobytes(), len(found))
+            if number == len(found):
+                found.append(nodes)
+            row.append(number)
+        rows.append(row)
+    return tuple(found), np.array(rows, dtype=np.int64).reshape(-1, 2)
 
 
 def joined_nodes(netlist: Netlist, regions: Iterable[Nodes] = ()) -> Nodes:

@@ -49,7 +49,7 @@ class _Topics:
 @with_source("BAG")
 @click.option(
     "-o", "--output", cls=SharedOption, group=OUTPUT, metavar="BAG", type=OUTPUT_FOLDER,
-    help="Recording of the paths: the format of the input, or a file of ROS 2 for a name that ends in .mcap or .db3.",
+    help="Recording of the paths: a file .mcap or .db3 of ROS 2, a file .bag if BAG is one, or a folder of ROS 2.",
 )  # fmt: skip
 @click.option("--table", metavar="FILE", type=OUTPUT_FILE, help="Table of latencies: FILE.csv, .json or .npz.")
 @click.option("--map", "map_topic", metavar="TOPIC", help="Topic of the maps.  [default: the only one]")

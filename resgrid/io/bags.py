@@ -16,7 +16,15 @@ from resgrid.io.ros_paths import path_poses
 from resgrid.planning.stream_planner import StreamedPath
 from resgrid.scene.recordings.recording import BASE_FRAMES
 from resgrid.scene.recordings.snapshot import MapSnapshot
-from resgrid.scene.recordings.storage import GRID, PATH, TRANSFORMS, Storage, require_rosbags, type_store
+from resgrid.scene.recordings.storage import (
+    GRID,
+    PATH,
+    TRANSFORMS,
+    Storage,
+    check_topic_name,
+    require_rosbags,
+    type_store,
+)
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
@@ -137,13 +145,13 @@ def output_storage(file: str | os.PathLike[str], source: Storage | None = None) 
     """Return the kind of a new recording, and whether it is a folder.
 
     `file`: name of the recording; `source`: kind of the recording from which it is made, None for none.  A name that
-    ends in ``.bag`` has the format of the source, and ROS 1 without a source; ``.mcap`` and ``.db3`` are single files
-    of ROS 2; other names are folders of ROS 2 with the storage of the source, or sqlite3.
+    ends in ``.bag`` is a file of ROS 1; ``.mcap`` and ``.db3`` are single files of ROS 2; other names are folders of
+    ROS 2 with the storage of the source, or sqlite3.
     """
     suffix = Path(file).suffix
     if suffix in {".mcap", ".db3"}:
         return ("mcap" if suffix == ".mcap" else "sqlite3"), False
-    if suffix == ".bag" and source in (None, "bag"):
+    if suffix == ".bag":
         return "bag", False
     return ("mcap" if source == "mcap" else "sqlite3"), True
 
@@ -152,11 +160,16 @@ def check_bag_output(file: str | os.PathLike[str], source: Storage | None = None
     """Return the target of a new recording; raise InputError if it cannot be written or would replace other data.
 
     An existing recording of the same kind, a file or a folder with a ``metadata.yaml``, is replaced.  `source`: kind of
-    the recording from which it is made.
+    the recording from which it is made; only one of ROS 1 gives a ``.bag`` file.
     """
     if os.fspath(file) == "-":
         raise InputError("-o -: a recording cannot be written to standard output; name a file or a folder")
-    target, (_, is_folder) = Path(file), output_storage(file, source)
+    target, (storage, is_folder) = Path(file), output_storage(file, source)
+    if storage == "bag" and source not in (None, "bag"):
+        raise InputError(
+            f"cannot write {target}: a .bag file belongs to ROS 1, but the input is a recording of ROS 2; name a "
+            ".mcap file, or a folder (a name without suffix)"
+        )
     if not target.absolute().parent.is_dir():
         raise InputError(f"cannot write {target}: there is no folder {target.absolute().parent}; make it first")
     if target.is_dir() and not is_folder:
@@ -227,7 +240,7 @@ def write_bag(snapshots: Iterable[MapSnapshot], file: str | os.PathLike[str], *,
         ``.bag``: a file of ROS 1; ``.mcap`` or ``.db3``: a file of ROS 2; otherwise a folder of ROS 2.  An existing
         recording is replaced.
     map_topic : str
-        Topic of the maps.
+        Topic of the maps, a name that ROS allows.
 
     Returns
     -------
@@ -237,7 +250,7 @@ def write_bag(snapshots: Iterable[MapSnapshot], file: str | os.PathLike[str], *,
     Raises
     ------
     InputError
-        If the recording cannot be written.
+        If the recording cannot be written, or the name of the topic is not allowed.
     ToolMissingError
         If the package rosbags is not installed.
 
@@ -246,6 +259,7 @@ def write_bag(snapshots: Iterable[MapSnapshot], file: str | os.PathLike[str], *,
     >>> rg.maps.write_bag([rg.maps.MapSnapshot(np.zeros((2, 3)), 0.5)], "maps.mcap").name
     'maps.mcap'
     """
+    check_topic_name(map_topic, "map_topic")
     with whole_bag(file) as bag:
         bag.add(map_topic, GRID, is_latched=True)
         bag.add("/tf", TRANSFORMS[0])

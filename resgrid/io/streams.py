@@ -18,7 +18,7 @@ from resgrid.io.bags import BagWriter, check_bag_output, whole_bag
 from resgrid.io.tables import Views, suffix_of, write
 from resgrid.planning.stream_planner import StreamedPath, StreamPlanner
 from resgrid.scene.recordings.recording import Recording
-from resgrid.scene.recordings.storage import PATH
+from resgrid.scene.recordings.storage import PATH, check_topic_name
 
 _VIEWS = ("table", "record", "arrays")
 
@@ -161,9 +161,10 @@ def stream_bag(
         Planner with the options of the scene.
     file : path-like, optional
         New recording, which is complete or not there; an existing recording is replaced.  A name that ends in ``.bag``
-        has the format of the input; ``.mcap`` and ``.db3`` are files of ROS 2; other names are folders of ROS 2.
+        is a file of ROS 1, and needs an input of ROS 1; ``.mcap`` and ``.db3`` are files of ROS 2; other names are
+        folders of ROS 2.
     topic : str
-        Topic of the paths.
+        Topic of the paths, a name that ROS allows.
     progress : callable, optional
         Called as ``progress(done, total)`` after every frame.
 
@@ -175,7 +176,8 @@ def stream_bag(
     Raises
     ------
     InputError
-        If the recording is damaged, the new one cannot be written, or an option does not fit the map.
+        If the recording is damaged, the new one cannot be written, the name of the topic is not allowed, or an option
+        does not fit the map.
 
     Examples
     --------
@@ -185,6 +187,7 @@ def stream_bag(
     >>> report.reached, report.table["outcome"]
     (3, ['reached', 'reached', 'reached'])
     """
+    check_topic_name(topic, "topic (--plan-topic)")
     table: dict[str, list[Any]] = {name: [] for name in _COLUMNS}
     total, last = len(recording), None
     if file is not None:

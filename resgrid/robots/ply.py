@@ -1,4 +1,4 @@
-"""Headers of PLY files: detection of files that are cut short, and the number of faces."""
+"""Headers of PLY files: files that are cut short or lack a coordinate, and the number of faces."""
 
 from __future__ import annotations
 
@@ -12,15 +12,30 @@ _ELEMENT = re.compile(rb"^element\s+\S+\s+(\d+)", re.MULTILINE)
 _FACES = re.compile(rb"^element\s+face\s+(\d+)", re.MULTILINE)
 """Pattern of the line in a PLY header that holds the number of faces."""
 
+_VERTICES = re.compile(rb"^element\s+vertex\s+0*[1-9]\d*\s*?$(.*?)(?=^element\s|\Z)", re.MULTILINE | re.DOTALL)
+"""Pattern of the lines of a PLY header that declare the vertices and their properties."""
+
+_PROPERTY = re.compile(rb"^property\s.*?(\S+)\s*?$", re.MULTILINE)
+"""Pattern of the line in a PLY header that declares a property, with its name."""
+
 
 def check_ply(data: bytes, name: str) -> None:
-    """Raise InputError for the bytes of a PLY file that is visibly cut short; `name`: name of the file in messages.
+    """Raise InputError for the bytes of a PLY file that is visibly cut short, or whose vertices lack a coordinate.
+
+    `name`: name of the file in messages.
 
     trimesh checks the length of binary files only: from the text of a file that is cut short it would read a part.
     """
     head, mark, body = data.partition(b"end_header")
     if not mark:
         raise _cut_short(name, "a header that ends with end_header", "no such line")
+    vertices = _VERTICES.search(head)
+    lacking = [axis for axis in "xyz" if vertices and axis.encode() not in _PROPERTY.findall(vertices[1])]
+    if lacking:
+        raise InputError(
+            f"{name}: the vertices of this PLY file lack {' and '.join(lacking)}, but x, y and z are needed; save it "
+            "again with all three"
+        )
     needed = sum(map(int, _ELEMENT.findall(head)))
     found = sum(1 for line in body.splitlines() if line.strip())
     if re.search(rb"^format\s+ascii", head, re.MULTILINE) and found < needed:

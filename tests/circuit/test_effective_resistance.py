@@ -234,6 +234,12 @@ def test_workers_threads_and_methods_give_the_same_resistances() -> None:
         ([(0, 1.5)], {}, "the terminal 1.5 is not a node number"),
         ([3], {}, r"pairs\[0\] = 3 is not a pair of terminals"),
         (None, {}, "give either pairs"),
+        ([], {"terminals": []}, "give either pairs"),
+        (None, {"terminals": []}, "terminals has no entries; give at least two"),
+        (None, {"terminals": [0]}, "terminals has 1 entry; give at least two"),
+        (5, {}, "pairs = 5 must be a list, or None"),
+        ("ab", {}, "pairs = 'ab' must be a list, or None"),
+        (None, {"terminals": 5}, "terminals = 5 must be a list, or None"),
         ([(0, 1)], {"terminals": [0, 1]}, "give either pairs"),
         ([((0, 1), (1, 1))], {"cells": True}, "was not compiled from a space"),
         ([(np.ones(3, dtype=np.bool_), 1)], {}, "a mask of nodes has shape"),
@@ -242,6 +248,14 @@ def test_workers_threads_and_methods_give_the_same_resistances() -> None:
 def test_rejected_terminals(pairs: object, options: dict[str, object], words: str) -> None:
     with pytest.raises(rg.InputError, match=words):
         rg.effective_resistance(grid(2, 2), pairs, **options)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("joined", ["pair", "all"])
+@pytest.mark.parametrize("pairs", [[], (), np.zeros((0, 2), dtype=np.int64)])
+def test_no_pairs_give_an_empty_result(pairs: object, joined: object) -> None:
+    found = rg.effective_resistance(grid(2, 2), pairs, joined=joined)  # type: ignore[arg-type]
+    assert (found.pairs.shape, found.resistance.shape, found.matrix.shape) == ((0, 2), (0,), (0, 0))
+    assert (found.error, found.method, found.terminals) == (0.0, "none", ())
 
 
 def test_rejected_cells_and_circuits() -> None:

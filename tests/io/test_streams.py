@@ -71,9 +71,10 @@ def _fresh(snapshot: rg.maps.MapSnapshot, **options: Any) -> rg.planning.Planner
 def test_every_frame_equals_a_fresh_plan_cell_by_cell(tmp_path: Path, ros: int, options: dict[str, Any]) -> None:
     recording = rg.maps.read_bag(_recording(tmp_path, ros))
     planner = rg.maps.StreamPlanner(goal=GOAL, **options)
-    report = rg.maps.stream_bag(recording, planner, tmp_path / "out.bag")
+    file = tmp_path / ("out.bag" if ros == 1 else "out")
+    report = rg.maps.stream_bag(recording, planner, file)
     assert report.reached == report.frames == 12 and set(report.table["method"][1:]) == {"elimination"}
-    written = paths_of(tmp_path / "out.bag", ros)
+    written = paths_of(file, ros)
     for number, (result, (received, message)) in enumerate(zip(planner.paths(recording), written, strict=True)):
         snapshot, fresh = result.snapshot, _fresh(result.snapshot, **options)
         assert result.planner is not None and result.path is not None and snapshot.start is not None
@@ -301,6 +302,8 @@ def test_the_subcommand_writes_paths_table_and_json(tmp_path: Path, monkeypatch:
      (["in", "--map", "/mapp"], "did you mean '/map'"),
      (["in", "--threshold", "3"], "map.threshold does not apply"), (["in", "--table", "a.txt"], ".csv, .json or .npz"),
      (["in", "--goal-topic", "/g"], "exclude each other"), (["in", "--start", "1,1", "--tf", "/tf"], "leave out"),
+     (["in", "-o", "out.bag"], "out.bag: a .bag file belongs to ROS 1, but the input is a recording of ROS 2; name"),
+     (["in", "--plan-topic", "bad topic"], "(--plan-topic) = 'bad topic' is not a topic name of ROS"),
      (["in", "-o", "in"], "is the input"), (["in", "--set", "robot.radiu=1"], "robot.radiu"),
      (["in", "-o", "-"], "-o -"), (["in", "--goal", "1,2,3"], "goal"), (["in", "--lethal", "500"], "lethal")],
 )  # fmt: skip

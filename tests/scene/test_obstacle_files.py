@@ -266,6 +266,11 @@ def test_a_damaged_cloud_has_one_message(tmp_path: Path) -> None:
         "nan.pcd": (pcd(POINTS * np.nan, "binary"), "has no points"),
         "inf.pcd": (pcd(np.full((2, 3), np.inf), "binary"), "2 points are not finite"),
         "empty.pcd": (pcd(POINTS[:0], "binary"), "has no points"),
+        "first.ply": (b"plx\nformat ascii 1.0\n", "this is not a PLY file: its first line is not ply"),
+        "flat.ply": (
+            b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nend_header\n1 2\n",
+            "the vertices of this PLY file lack z, but x, y and z are needed",
+        ),
         "cloud.xyz": (b"", r"\.xyz is not a format of point clouds; give a \.ply or \.pcd file"),
     }
     for name, (data, words) in files.items():

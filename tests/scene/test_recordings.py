@@ -90,6 +90,20 @@ def test_updates_that_do_not_fit_are_ignored_as_by_nav2(tmp_path: Path) -> None:
     assert found[7].resolution == 1.0 and found[7].origin == pytest.approx((3.0, 0.0, 0.5))
 
 
+def test_updates_without_cells_change_nothing(tmp_path: Path) -> None:
+    made = Messages()
+    made.grid(S, EMPTY)
+    for time, shape in enumerate([(0, 2), (2, 0), (0, 0)], 2):
+        made.update(time * S, 1, 1, np.zeros(shape))
+    made.update(5 * S, 1, 1, np.zeros((0, 2)))
+    made.entries[-1][-1].data = np.array([100], dtype=np.int8)
+    made.update(6 * S, 0, 0, [[100]])
+    found = list(rg.maps.read_bag(made.write(tmp_path / "in"), poses=False))
+    assert all((each.occupancy == EMPTY).all() for each in found[:5])
+    assert [each.note for each in found] == [None] * 4 + ["update ignored: it has 1 values for 2 x 0 cells", None]
+    assert found[5].occupancy[0, 0] == 100
+
+
 def test_unusable_maps_are_snapshots_with_a_reason(tmp_path: Path) -> None:
     made = Messages()
     made.grid(S, np.zeros((0, 0)))
@@ -180,6 +194,32 @@ def test_rules_of_tf2_for_repeated_stamps_parents_cycles_and_gaps() -> None:
     assert not odd.tracks
 
 
+def test_unusable_transforms_are_ignored_as_by_tf2_and_noted(tmp_path: Path) -> None:
+    made = Messages()
+    made.grid(S, EMPTY)
+    made.grid(2 * S, EMPTY)
+    nan = float("nan")
+    for turn in ((0, 0, 0, 0), (0, 0, 0, 0), (nan, 0, 0, 1), (0, 0, 0, 1.02)):
+        made.transform(S, "map", "base_link", 5.0, 5.0, turn)
+    made.transform(S, "map", "map", 5.0, 5.0)
+    words = (
+        "transforms ignored, as by tf2: 3 with a quaternion whose length is not 1 ('map' to 'base_link'), 1 with a "
+        "number that is not finite ('map' to 'base_link'), 1 from a frame to itself ('map' to 'map')"
+    )
+    for options in ({}, {"base_frame": "base_link"}):
+        with pytest.raises(rg.InputError) as caught:
+            rg.maps.read_bag(made.write(tmp_path / f"bad{len(options)}"), **options)  # type: ignore[arg-type]
+        assert f"the recording has no usable transform on /tf ({words}); give a fixed start" in str(caught.value)
+    made.amcl(S, 2.0, 0.0)
+    (first, _) = rg.maps.read_bag(made.write(tmp_path / "amcl"))
+    assert (first.start, first.note) == ((2.0, 0.0, 0.0), words)
+    made.transform(S, "map", "base_link", 1.0, 0.0, (0, 0, 0, 1.001))
+    made.transform(2 * S, "map", "base_link", 1.0, 0.0)
+    found = list(rg.maps.read_bag(made.write(tmp_path / "good")))
+    assert [each.start for each in found] == [(1.0, 0.0, 0.0)] * 2
+    assert [each.note for each in found] == [words, None]
+
+
 def test_latched_maps_and_stamps_of_zero_use_the_nearest_pose(tmp_path: Path) -> None:
     made = Messages()
     made.grid(0, EMPTY, received=102 * S)
@@ -231,6 +271,16 @@ def test_topics_are_chosen_by_namespace_and_named_errors_list_them(tmp_path: Pat
     ):
         with pytest.raises(rg.InputError, match=words):
             rg.maps.read_bag(file, **options)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("name", ["", "/", "bad topic", "/a/", "//a", "/a//b", "/3d", "/a/3d", "/a-b", "/plän", "/a\n"])
+def test_topics_with_names_that_ros_refuses_are_not_written(name: str, tmp_path: Path) -> None:
+    maps = [rg.maps.MapSnapshot(EMPTY, 0.5)]
+    with pytest.raises(rg.InputError, match=r"map_topic = .* is not a topic name of ROS"):
+        rg.maps.write_bag(maps, tmp_path / "a.mcap", map_topic=name)
+    assert not list(tmp_path.iterdir())
+    recording = rg.maps.read_bag(rg.maps.write_bag(maps, tmp_path / "b.mcap", map_topic="robot_1/_map2"), poses=False)
+    assert recording.map_topic == "robot_1/_map2"
 
 
 def test_recordings_without_maps_transforms_or_messages_are_named(tmp_path: Path) -> None:

@@ -23,7 +23,7 @@ from resgrid.scene.recordings.storage import (
     Storage,
     open_bag,
 )
-from resgrid.scene.recordings.transforms import TransformBuffer, UncoveredError
+from resgrid.scene.recordings.transforms import TransformBuffer, UncoveredError, read_transforms
 
 BASE_FRAMES = ("base_link", "base_footprint")
 """Names of the frame of a robot that are tried in this order."""
@@ -36,12 +36,14 @@ _GOAL_TOPICS = ("goal_pose", "goal", "move_base_simple/goal")
 class Poses:
     """Poses of the robot in a recording, from transforms or from a topic of poses.
 
-    `buffer`, `base_frame`: transforms and the frame of the robot; `stamped`: poses with time and frame, sorted by time.
+    `buffer`, `base_frame`: transforms and the frame of the robot; `stamped`: poses with time and frame, sorted by time;
+    `ignored`: note on the transforms that were left out, None without one.
     """
 
     buffer: TransformBuffer | None = None
     base_frame: str = ""
     stamped: Sequence[tuple[int, str, Pose]] = ()
+    ignored: str | None = None
 
     def at(self, frame: str, stamp: int) -> tuple[Pose | None, str | None]:
         """Return the pose in a frame at a time in nanoseconds, and a note; None without a pose."""
@@ -114,6 +116,7 @@ class Recording:
     def __iter__(self) -> Iterator[MapSnapshot]:
         topics = [name for name in (self.map_topic, self.updates_topic, self.goal_topic) if name is not None]
         last = MapSnapshot(np.zeros((0, 0), np.int8), 1.0, frame_id="", note="there is no map yet")
+        extra = None if self._poses is None else self._poses.ignored
         goal, goal_frame = None, ""
         with open_bag(self.file) as bag:
             for topic, received, message in bag.messages(topics):
@@ -125,7 +128,9 @@ class Recording:
                     last = last.updated(message, received=received)
                 else:
                     last = _mapped(message, received)
-                yield self._placed(last, goal, goal_frame)
+                placed = self._placed(last, goal, goal_frame)
+                yield replace(placed, note="; ".join(filter(None, (placed.note, extra))) or None)
+                extra = None
                 if last.has_map:
                     last = replace(last, note=None)
 
@@ -182,7 +187,8 @@ def read_bag(
     Maps and updates are snapshots in the order of their arrival.  The pose of the robot belongs to the time stamp of
     each message (to the time of arrival if the stamp is 0).  Transforms are interpolated as by tf2: translations
     linearly, rotations by slerp, static transforms at any time.  If the transforms do not cover the time stamp, the
-    nearest covered time is used, and `MapSnapshot.note` gives the difference.
+    nearest covered time is used, and `MapSnapshot.note` gives the difference.  Transforms that tf2 ignores, such as one
+    with the quaternion (0, 0, 0, 0), are left out, and the note of the first snapshot counts them.
 
     Parameters
     ----------
@@ -305,19 +311,24 @@ def _poses(
         return _stamped(
             bag, _topic(bag, pose_topic, (POSE_WITH_COVARIANCE, POSE), "poses", "pose_topic (--pose-topic)")
         )
-    topics = _tf_topics(bag, maps, tf_topic)
+    topics, ignored = _tf_topics(bag, maps, tf_topic), None
     if topics:
         buffer = read_transforms(bag, topics)
-        if buffer.tracks or base_frame is not None:
+        ignored = buffer.ignored
+        if buffer.tracks:
             base = _base_frame(bag, buffer, base_frame)
-            return Poses(buffer, base), f"frame {base}"
+            return Poses(buffer, base, ignored=ignored), f"frame {base}"
     others = [name for name in _names(bag, (POSE_WITH_COVARIANCE,)) if not name.endswith("initialpose")]
     if len(others) == 1 and base_frame is None:
-        return _stamped(bag, others[0])
+        poses, source = _stamped(bag, others[0])
+        return replace(poses, ignored=ignored), source
     listed = f"; topics of poses: {_listed(bag, others)}" if others else ""
+    problem = f"the recording has no transforms of the robot on {maps.rpartition('/')[0]}/tf"
+    if ignored is not None:
+        problem = f"the recording has no usable transform on {' and '.join(topics)} ({ignored})"
     raise InputError(
-        f"{bag.path}: the recording has no transforms of the robot on {maps.rpartition('/')[0]}/tf; give a fixed start "
-        f"(--start X,Y; poses=False in Python), or a topic of poses (--pose-topic){listed}"
+        f"{bag.path}: {problem}; give a fixed start (--start X,Y; poses=False in Python), or a topic of poses "
+        f"(--pose-topic){listed}"
     )
 
 
@@ -356,20 +367,6 @@ def _tf_topics(bag: Bag, maps: str, name: str | None) -> list[str]:
             f"{bag.path}: several topics have transforms; choose one with tf_topic (--tf): {_listed(bag, known)}"
         )
     return known
-
-
-def read_transforms(bag: Bag, topics: Sequence[str]) -> TransformBuffer:
-    """Return all transforms on some topics; those of topics that end in ``_static`` hold at any time."""
-    buffer = TransformBuffer()
-    for topic, received, message in bag.messages(topics):
-        is_static = topic.endswith("_static")
-        for item in message.transforms:
-            shift, turn = item.transform.translation, item.transform.rotation
-            buffer.add(
-                item.header.frame_id, item.child_frame_id, received if is_static else stamp_of(item),
-                (shift.x, shift.y, shift.z), (turn.x, turn.y, turn.z, turn.w), is_static=is_static,
-            )  # fmt: skip
-    return buffer
 
 
 def _base_frame(bag: Bag, buffer: TransformBuffer, name: str | None) -> str:

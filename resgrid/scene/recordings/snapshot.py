@@ -147,6 +147,7 @@ class MapSnapshot:
         """Return the snapshot after a ``map_msgs/OccupancyGridUpdate`` message.
 
         As in Nav2 and RViz, an update that extends beyond the map, or belongs to another frame, is ignored as a whole.
+        An update without cells changes nothing.
 
         Parameters
         ----------
@@ -178,6 +179,8 @@ class MapSnapshot:
         reason = self._why_ignored(message)
         if reason is not None:
             return replace(moved, note=f"update ignored: {reason}")
+        if not message.width * message.height:
+            return moved
         values = self.occupancy.copy()
         rows = slice(message.y, message.y + message.height)
         values[rows, message.x : message.x + message.width] = _rows(message.data, message.height, message.width)

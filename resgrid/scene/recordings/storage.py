@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -26,6 +27,9 @@ PATH = "nav_msgs/msg/Path"
 READ = (GRID, UPDATE, *TRANSFORMS, POSE, POSE_WITH_COVARIANCE)
 """Message types that are decoded."""
 
+_TOPIC_NAME = re.compile(r"/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
+"""Pattern of topic names that both versions of ROS allow."""
+
 _DEFINITIONS = {
     UPDATE: "std_msgs/Header header\nint32 x\nint32 y\nuint32 width\nuint32 height\nint8[] data\n",
     TRANSFORMS[0]: "geometry_msgs/TransformStamped[] transforms\n",
@@ -46,6 +50,15 @@ class Topic:
 
     kind: str
     count: int
+
+
+def check_topic_name(name: str, option: str) -> None:
+    """Raise InputError unless ROS allows the name of a new topic; `option`: name of the option, for the message."""
+    if not _TOPIC_NAME.fullmatch(name):
+        raise InputError(
+            f"{option} = {name!r} is not a topic name of ROS; write letters, digits and underscores, with single "
+            "slashes between parts that do not begin with a digit, such as /robot/plan"
+        )
 
 
 def require_rosbags() -> None:

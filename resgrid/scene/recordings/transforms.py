@@ -2,17 +2,20 @@
 
 Rules: between two samples, translations are interpolated linearly and rotations on the shortest arc (slerp); there is
 no extrapolation; static transforms hold at any time; of several samples with one time stamp, the first one counts; if
-the parent changes between two samples, the older sample holds until the newer one.
+the parent changes between two samples, the older sample holds until the newer one; transforms with numbers that are not
+finite, with a quaternion whose length is not 1, or without two different frames, are ignored.
 """
 
 from __future__ import annotations
 
 from array import array
 from bisect import bisect_right
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import acos, hypot, isfinite, sin
 
-from resgrid.scene.recordings.snapshot import Pose, frame_name, yaw_of
+from resgrid.scene.recordings.snapshot import Pose, frame_name, stamp_of, yaw_of
+from resgrid.scene.recordings.storage import Bag
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
@@ -22,6 +25,10 @@ _LONG_GAP = 10 * 10**9
 
 _MAX_DEPTH = 1000
 """Largest number of frames between a frame and the root, to end at a cycle of frames; tf2 has the same number."""
+
+
+_UNIT = 0.01
+"""Deviation from 1 of the squared length of a quaternion, from which tf2 ignores a transform."""
 
 
 class UncoveredError(Exception):
@@ -152,25 +159,37 @@ class Track:
 
 
 class TransformBuffer:
-    """All transforms of a recording, by child frame."""
+    """All usable transforms of a recording, by child frame."""
 
     def __init__(self) -> None:
         self.tracks: dict[str, Track] = {}
+        self._ignored: dict[str, tuple[int, str]] = {}  # number and frames of the first one, by reason
 
     def add(
         self, parent: str, child: str, stamp: int, shift: Vector, turn: Quaternion, *, is_static: bool = False
     ) -> None:
-        """Add a sample; transforms that are not finite, or whose child is its own parent, are left out, as in tf2.
+        """Add a sample; unusable transforms are left out as in tf2, and `ignored` counts them.
 
-        `stamp`: time in nanoseconds; `shift`: translation in metres; `turn`: quaternion (x, y, z, w), (0, 0, 0, 0) for
-        no rotation; `is_static`: whether the transform comes from a static topic.
+        `stamp`: time in nanoseconds; `shift`: translation in metres; `turn`: unit quaternion (x, y, z, w); `is_static`:
+        whether the transform comes from a static topic.
         """
         parent, child, norm = frame_name(parent), frame_name(child), hypot(*turn)
-        if not (isfinite(norm) and all(map(isfinite, shift))) or parent == child or not parent or not child:
+        reason = _why_unusable(parent, child, shift, norm)
+        if reason is not None:
+            count, first = self._ignored.get(reason, (0, f"{parent!r} to {child!r}"))
+            self._ignored[reason] = count + 1, first
             return
-        unit = (0.0, 0.0, 0.0, 1.0) if norm == 0 else tuple(part / norm for part in turn)
+        unit = tuple(part / norm for part in turn)
         track = self.tracks.setdefault(child, Track(is_static))
         track.add(stamp, parent, Transform(shift, unit))  # type: ignore[arg-type]
+
+    @property
+    def ignored(self) -> str | None:
+        """Numbers of the transforms that were left out, with reasons; None without one."""
+        if not self._ignored:
+            return None
+        parts = [f"{count} {reason} ({first})" for reason, (count, first) in self._ignored.items()]
+        return f"transforms ignored, as by tf2: {', '.join(parts)}"
 
     @property
     def frames(self) -> list[str]:
@@ -239,3 +258,28 @@ class TransformBuffer:
             spans = spans if track.is_static else [*spans, track.span]
             found[frame] = (pose, gap, spans)
         return found
+
+
+def _why_unusable(parent: str, child: str, shift: Vector, norm: float) -> str | None:
+    """Return the reason for which tf2 ignores a transform, None for a usable one; `norm`: length of its quaternion."""
+    if not parent or not child:
+        return "without the name of a frame"
+    if parent == child:
+        return "from a frame to itself"
+    if not (isfinite(norm) and all(map(isfinite, shift))):
+        return "with a number that is not finite"
+    return "with a quaternion whose length is not 1" if abs(norm**2 - 1) >= _UNIT else None
+
+
+def read_transforms(bag: Bag, topics: Sequence[str]) -> TransformBuffer:
+    """Return all transforms on some topics; those of topics that end in ``_static`` hold at any time."""
+    buffer = TransformBuffer()
+    for topic, received, message in bag.messages(topics):
+        is_static = topic.endswith("_static")
+        for item in message.transforms:
+            shift, turn = item.transform.translation, item.transform.rotation
+            buffer.add(
+                item.header.frame_id, item.child_frame_id, received if is_static else stamp_of(item),
+                (shift.x, shift.y, shift.z), (turn.x, turn.y, turn.z, turn.w), is_static=is_static,
+            )  # fmt: skip
+    return buffer

@@ -22,6 +22,9 @@ from resgrid.scene.solids.pcd import read_pcd
 _BYTES_PER_POINT = 400
 """Estimated memory per point in bytes while voxels are merged."""
 
+_PCD_STARTS = (b"# .PCD", b"VERSION")
+"""First bytes of PCD files."""
+
 
 def read_point_cloud(
     file: str | os.PathLike[str],
@@ -86,7 +89,10 @@ def cloud_cells(path: Path, resolution: float, pose: NDArray[np.float64], bytes_
     `path`: PLY or PCD, recognised by its first bytes; `resolution`: width of a voxel; `pose` (4, 4): transformation of
     the points; `bytes_per_point`: memory per point that the caller needs.
     """
-    points = _ply_points(path) if read_bytes(path, first=3) == b"ply" else read_pcd(path)
+    first = read_bytes(path, first=7)
+    if path.suffix.lower() == ".ply" and not first.startswith((b"ply", *_PCD_STARTS)):
+        raise InputError(f"{path}: this is not a PLY file: its first line is not ply; save the cloud again")
+    points = _ply_points(path) if first.startswith(b"ply") else read_pcd(path)
     _check_points(points, path)
     require_memory(len(points) * bytes_per_point, f"{path}: {len(points)} points", "thin the cloud")
     points = points @ pose[:3, :3].T + pose[:3, 3]
