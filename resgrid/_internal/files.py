@@ -15,7 +15,6 @@ import weakref
 from collections.abc import Iterator
 from pathlib import Path
 
-from resgrid._internal.interrupts import interrupts_deferred
 from resgrid.errors import InputError, ResgridError
 
 SUMMARY = "summary.json"
@@ -185,10 +184,9 @@ def files_together(folder: Path) -> Iterator[Path]:
         temporary.mkdir()
         with _locked(temporary):
             yield temporary
-            with interrupts_deferred():
-                created.clear()
-                for file in sorted(temporary.iterdir()):
-                    file.replace(folder / file.name)
+            created.clear()
+            for file in sorted(temporary.iterdir()):
+                file.replace(folder / file.name)
     except ResgridError:
         raise
     except OSError as error:
