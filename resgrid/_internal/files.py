@@ -11,6 +11,7 @@ import shutil
 import stat
 import tempfile
 import time
+import weakref
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -159,10 +160,47 @@ def whole_folder(path: str | Path) -> Iterator[Path]:
     except OSError as error:
         raise _unwritable(target, error) from error
     finally:
-        shutil.rmtree(temporary, ignore_errors=True)
-        for parent in parents:
-            with contextlib.suppress(OSError):  # another process has written into the folder
-                parent.rmdir()
+        _remove_folders(temporary, parents)
+
+
+@contextlib.contextmanager
+def files_together(folder: Path) -> Iterator[Path]:
+    """Yield a temporary folder inside `folder`, whose files are moved to `folder` if the block succeeds.
+
+    All other files in `folder` are kept, also those that a ``summary.json`` lists.  After an error, an interrupt, or
+    the end of the process during the block, the temporary folder and created folders are deleted.
+
+    Raises
+    ------
+    InputError
+        If `folder` is a file or cannot be written.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder} is a file, and the results need a folder; name another")
+    created = _make_parents(folder / "file")
+    temporary = temporary_place(folder, "resgrid")
+    remove = weakref.finalize(files_together, _remove_folders, temporary, created)  # the process may end in the block
+    try:
+        temporary.mkdir()
+        with _locked(temporary):
+            yield temporary
+            created.clear()
+            for file in sorted(temporary.iterdir()):
+                file.replace(folder / file.name)
+    except ResgridError:
+        raise
+    except OSError as error:
+        raise _unwritable(folder, error) from error
+    finally:
+        remove()
+
+
+def _remove_folders(temporary: Path, created: list[Path]) -> None:
+    """Delete a temporary folder, and then the empty ones among the folders `created`, innermost first."""
+    shutil.rmtree(temporary, ignore_errors=True)
+    for folder in created:
+        with contextlib.suppress(OSError):  # another process has written into the folder
+            folder.rmdir()
 
 
 def _make_parents(target: Path) -> list[Path]:

@@ -215,12 +215,16 @@ def _require_different_file(option: str, output: str | None, file: str) -> None:
         raise InputError(f"{option} {output}: this is the input; name another file")
 
 
-def output_option(help_text: str, *, required: bool = False, of_folder: bool = False) -> Decorator:
+def output_option(
+    help_text: str, *, required: bool = False, of_folder: bool = False, may_be_folder: bool = False
+) -> Decorator:
     """Return the decorator that adds the option ``-o`` to a subcommand.
 
-    `help_text`: help of the option; `required`: whether it must be given; `of_folder`: whether it names a folder.
+    `help_text`: help of the option; `required`: whether it must be given; `of_folder`: whether it names a folder;
+    `may_be_folder`: whether the input decides between file and folder, so that the subcommand checks the name.
     """
-    metavar, kind = ("DIR", OUTPUT_FOLDER) if of_folder else ("FILE", OUTPUT_FILE)
+    metavar = "DIR" if of_folder else "FILE"
+    kind = OUTPUT_FOLDER if of_folder or may_be_folder else OUTPUT_FILE
     return _output("-o", "--output", metavar=metavar, type=kind, required=required, help=help_text)
 
 

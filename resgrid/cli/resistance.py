@@ -32,7 +32,8 @@ _SECONDS = 1e-5
     ),
 )
 @with_source("SCENE|DECK")
-@output_option("Resistances: FILE.csv, .json or .npz; - prints CSV. Circuitscape job: folder of its files.")
+@output_option("Resistances: FILE.csv, .json or .npz; - prints CSV. Circuitscape job: folder of its files.",
+               may_be_folder=True)  # fmt: skip
 @click.option(
     "--between", metavar="A B", nargs=2, type=str, multiple=True,
     help="Pair of terminals; repeatable. A terminal is a place X,Y (with --cells: a cell), a node name, or several of "
@@ -50,10 +51,13 @@ def command(
     pairwise, one-to-all or all-to-one mode needs no --between: its files are written to the folder of -o, or to that of
     its key output_file. Exits with 1 if a pair is not connected.
     """
+    from resgrid._internal.files import target_of
     from resgrid.io.resistances import check_resistance_file, resistance_record, terminal_names
 
     if is_circuitscape_job(source.file):
         return _run_job(source, output, between)
+    if output not in (None, "-"):
+        target_of(Path(output))
     if not between:
         raise InputError("no pair is given: add --between A B, such as --between 1,2 5,3, or --between in out")
     if output is not None:
@@ -130,10 +134,10 @@ def _lines(data: dict[str, Any]) -> Iterable[str]:
 
 
 def is_circuitscape_job(file: str) -> bool:
-    """Return whether an input is a Circuitscape configuration in another mode than advanced."""
-    from resgrid.spice.networks.configurations import is_connectivity_job
+    """Return whether an input is a Circuitscape configuration in another mode than advanced, or in an unknown mode."""
+    from resgrid.spice.networks.configurations import read_configuration
 
-    return Path(file).suffix.lower() == ".ini" and is_connectivity_job(file)
+    return Path(file).suffix.lower() == ".ini" and read_configuration(file).scenario != "advanced"
 
 
 def _run_job(source: CommandInput, output: str | None, between: tuple[tuple[str, str], ...]) -> int:
@@ -142,16 +146,24 @@ def _run_job(source: CommandInput, output: str | None, between: tuple[tuple[str,
     `source`: the configuration; `output`: folder of the files, None for that of the configuration's ``output_file``;
     `between`: pairs of --between, which must be empty.
     """
-    if between:
+    from resgrid.spice.networks.configurations import is_connectivity_job
+    from resgrid.spice.networks.measurements import UNCONNECTED
+
+    if between and is_connectivity_job(source.file):
         raise InputError(f"{source.file}: the focal points of this job define its pairs; leave --between out")
+    if output == "-":
+        raise InputError("-o -: the results of a Circuitscape job are several files; name a folder")
     work = partial(rg.spice.run_circuitscape, output=output, root=source.root)
     job: rg.spice.ConnectivityResult = compute("run the Circuitscape job", work, source.file, iterates=False)
+    connected = job.resistance != UNCONNECTED
+    ohms = job.resistance.astype(object)
+    ohms[~connected] = None
     data = {
-        "scenario": job.scenario, "points": job.points.tolist(), "resistance": job.resistance.tolist(),
-        "files": [str(file) for file in job.files],
+        "scenario": job.scenario, "points": job.points.tolist(), "resistance": ohms.tolist(),
+        "connected": connected.tolist(), "files": [str(file) for file in job.files],
     }  # fmt: skip
     finish(data, _job_lines(job), written=job.files[0].parent, more=True)
-    return 0 if all(value != -1.0 for value in job.resistance.ravel()) else 1
+    return 0 if connected.all() else 1
 
 
 def _job_lines(job: rg.spice.ConnectivityResult) -> Iterable[str]:

@@ -86,6 +86,28 @@ def test_a_circuitscape_job() -> None:
     assert "1 - 2  3 ohm" in text and Path("job_resistances.out").is_file()
 
 
+def test_a_circuitscape_job_writes_into_an_existing_folder() -> None:
+    Path("results").mkdir()
+    Path("results/notes.txt").write_text("kept\n")
+    for _ in range(2):
+        assert call("resistance", "job.ini", "-o", "results").exit_code == 0
+    assert sorted(file.name for file in Path("results").iterdir()) == [
+        "job_resistances.out", "job_resistances_3columns.out", "notes.txt",
+    ]  # fmt: skip
+
+
+def test_unconnected_points_of_a_job_are_null_in_json() -> None:
+    Path("habitat.asc").write_text("ncols 3\nnrows 1\nxllcorner 0\nyllcorner 0\ncellsize 1\n1 -9999 3\n")
+    result = call("resistance", "job.ini", "--json")
+    data = json.loads(result.stdout)
+    assert result.exit_code == 1
+    assert data["resistance"] == [[0.0, None], [None, 0.0]] and data["connected"] == [[True, False], [False, True]]
+    Path("job.ini").write_text(Path("job.ini").read_text() + "scenario = one-to-all\n")
+    data = json.loads(call("resistance", "job.ini", "--json").stdout)
+    assert data["resistance"] == [None, None] and data["connected"] == [False, False]
+    assert "1  not connected" in call("resistance", "job.ini").stdout
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
@@ -97,9 +119,18 @@ def test_a_circuitscape_job() -> None:
         (["job.ini", "--between", "1", "2"], "leave --between out"),
         (["wrong.ini"], "Circuitscape has no key 'scenari'; did you mean 'scenario'?"),
         (["missing.ini"], "missing.ini"),
+        (["job.ini", "-o", "-"], "-o -: the results of a Circuitscape job are several files; name a folder"),
+        (["deck.sp", "--between", "a", "b", "-o", "folder"], "cannot write"),
+        (["foo.ini"], "foo.ini: the scenario 'foo' has no focal points; choose one of pairwise, one-to-all"),
+        (["foo.ini", "--between", "1", "2"], "the scenario 'foo' has no focal points"),
+        (["empty.ini"], "empty.txt: a job needs at least two focal points, got 0"),
     ],
 )
 def test_rejected_inputs(words: list[str], message: str) -> None:
     Path("wrong.ini").write_text("scenari = pairwise\n")
+    Path("foo.ini").write_text("scenario = foo\n")
+    Path("empty.ini").write_text(Path("job.ini").read_text() + "point_file = empty.txt\n")
+    Path("empty.txt").touch()
+    Path("folder").mkdir()
     result = call("resistance", *words)
     assert result.exit_code == 2 and message in result.stderr

@@ -8,6 +8,8 @@ Circuitscape 4.
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -15,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid._internal.files import write_text
+from resgrid._internal.files import files_together, write_text
 from resgrid.core.netlist import Netlist
 from resgrid.errors import InputError
 from resgrid.spice.networks.configurations import Configuration
@@ -25,17 +27,20 @@ _DECIMALS = 8
 """Number of decimals in ASCII grids."""
 
 
+@contextmanager
 def output_files(
     job: Configuration,
     output: str | os.PathLike[str] | None,
     habitat: Raster | None,
     conducting: NDArray[np.bool_] | None,
-) -> OutputFiles:
-    """Return the writer of a job's files.
+    shape: tuple[int, ...],
+) -> Iterator[OutputFiles]:
+    """Yield the writer of a job's files, which appear together at the end of the block, and not after an error.
 
     `output`: folder, None for that of the key ``output_file``; `habitat`: place of the cells, None for a network;
-    `conducting` (rows, columns): whether a cell conducts.  Raises InputError if the key names a file outside the folder
-    of the configuration, or the folder does not exist.
+    `conducting` (rows, columns): whether a cell conducts; `shape`: that of the currents, (rows, columns) or (nodes,).
+    Raises InputError if the key names a file outside the folder of the configuration, or in a folder that does not
+    exist.
     """
     base = Path(job.base().replace("\\", "/"))
     place = job.folder / base if output is None else Path(output) / base.name
@@ -44,25 +49,30 @@ def output_files(
             f"{job.path}: output_file = {job.text('output_file')!r} lies outside {str(job.root)!r}; name a folder for "
             "the output files"
         )
-    if output is not None:
-        try:
-            Path(output).mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise InputError(f"cannot create the folder {output}: {error.strerror}") from None
-    return OutputFiles(job, place, habitat, conducting)
+    if output is None and not place.parent.is_dir():
+        raise InputError(
+            f"{job.path}: output_file = {job.text('output_file')!r} is in no existing folder; make "
+            f"{str(place.parent)!r} first"
+        )
+    with files_together(place.parent) as folder:
+        files = OutputFiles(job, place, folder, habitat, conducting)
+        if files.wants_maps:
+            files.sums = np.zeros(shape), np.zeros(shape)
+        yield files
 
 
 @dataclass(eq=False)
 class OutputFiles:
     """Writer of the files of a job, which also sums the current maps.
 
-    `job`: the configuration; `place`: base of the file names; `habitat`: place of the cells, None for a network;
-    `conducting` (rows, columns): whether a cell conducts; `written`: files so far; `sums`: sum and maximum of the
-    currents, None before the first map.
+    `job`: the configuration; `place`: base of the file names; `folder`: temporary folder of the files; `habitat`: place
+    of the cells, None for a network; `conducting` (rows, columns): whether a cell conducts; `written`: final names of
+    the files so far; `sums`: sum and maximum of the currents, None before the first one if no map is requested.
     """
 
     job: Configuration
     place: Path
+    folder: Path
     habitat: Raster | None
     conducting: NDArray[np.bool_] | None
     written: list[Path] = field(default_factory=list)
@@ -74,8 +84,14 @@ class OutputFiles:
         keys = ("write_cur_maps", "write_volt_maps", "write_cum_cur_map_only", "write_max_cur_maps")
         return any(self.job.flag(key) for key in keys)
 
+    def _new(self, end: str) -> Path:
+        """Record the file whose name ends with `end`, and return its path in the temporary folder."""
+        self.written.append(self.place.with_name(f"{self.place.name}_{end}"))
+        return self.folder / self.written[-1].name
+
     def _file(self, end: str, text: str) -> None:
-        self.written.append(write_text(self.place.with_name(f"{self.place.name}_{end}"), text))
+        """Write a file of text; `end`: end of its name."""
+        write_text(self._new(end), text)
 
     def write_resistances(self, points: NDArray[Any], resistance: NDArray[np.float64]) -> None:
         """Write the resistances of `points` (k,): a matrix (k, k) also in three columns, or one column (k,)."""
@@ -132,8 +148,7 @@ class OutputFiles:
             return
         from resgrid.spice.networks.geotiff import write_geotiff
 
-        file = self.place.with_name(f"{self.place.name}_{end}.tif")
-        self.written.append(write_geotiff(file, cells, self.habitat))
+        write_geotiff(self._new(f"{end}.tif"), cells, self.habitat)
 
     def write_tables(
         self, name: str, netlist: Netlist, voltage: NDArray[np.float64], node_current: NDArray[np.float64],

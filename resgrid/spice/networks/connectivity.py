@@ -147,7 +147,8 @@ def run_circuitscape(
         Configuration file (``.ini``) of a raster job (ESRI ASCII grids, or GeoTIFF with the extra ``geotiff``) or of a
         pairwise network job.
     output : path-like, optional
-        Folder of the output files; by default that of the key ``output_file``, which must lie in the folder of `path`.
+        Folder of the output files, created if necessary; by default that of the key ``output_file``, which must lie in
+        the folder of `path`.
     root : path-like, optional
         Folder that must contain all files named in the configuration, by default the folder of `path`.
     executor : concurrent.futures.Executor, optional
@@ -170,7 +171,8 @@ def run_circuitscape(
     Notes
     -----
     Defaults are those of Circuitscape 5.  Files of the resistances are always written; the other files depend on the
-    keys ``write_cur_maps``, ``write_volt_maps``, ``write_cum_cur_map_only`` and ``write_max_cur_maps``.
+    keys ``write_cur_maps``, ``write_volt_maps``, ``write_cum_cur_map_only`` and ``write_max_cur_maps``.  All files
+    appear together when the job is finished; other files in the folder are kept.
 
     Examples
     --------
@@ -212,13 +214,20 @@ def _run_raster(
     """Return the result of a raster job; the arguments are those of `run_circuitscape`."""
     habitat = read_grid(job.file("habitat_file"))
     points = read_points(job.file("point_file"), habitat)
-    named, allowed = allowed_pairs(job, points.ids)
-    points = points.only(named)
     if len(points.ids) < 2:
         raise InputError(f"{job.file('point_file')}: a job needs at least two focal points, got {len(points.ids)}")
-    land = _Landscape(job, habitat, *conductance_and_polygons(job), points)
-    files = output_files(job, output, habitat, land.conductance > 0)
-    count = len(points.ids)
+    named, allowed = allowed_pairs(job, points.ids)
+    land = _Landscape(job, habitat, *conductance_and_polygons(job), points.only(named))
+    with output_files(job, output, habitat, land.conductance > 0, land.conductance.shape) as files:
+        return _solve_raster(land, allowed, files, executor, progress)
+
+
+def _solve_raster(
+    land: _Landscape, allowed: NDArray[np.bool_], files: OutputFiles, executor: Executor | None,
+    progress: Count | None,
+) -> ConnectivityResult:  # fmt: skip
+    """Solve a raster job, write its files, and return its result; `allowed` (k, k): which pairs are measured."""
+    job, points, count = land.job, land.points, len(land.points.ids)
     if job.scenario == "pairwise":
         pairs = [(i, j) for i in range(count) for j in range(i + 1, count) if allowed[i, j]]
         resistance = np.where(np.eye(count, dtype=np.bool_), 0.0, UNCONNECTED)
@@ -281,6 +290,8 @@ def _solutions(
         for number, (name, (flow, node)) in enumerate(zip(names, results, strict=True), 1):
             if flow is not None:
                 files.write_maps(name, _on_cells(flow.node_current, node), _on_cells(flow.voltage, node))
+            elif land.job.scenario != "pairwise":  # as Circuitscape
+                files.write_maps(name, np.zeros(node.shape), np.zeros(node.shape))
             if progress is not None:
                 progress(number, len(items))
             yield UNCONNECTED if flow is None else flow.resistance
@@ -353,10 +364,10 @@ def _run_network(
     found = effective_resistance(netlist, wanted, executor=executor, progress=progress).resistance
     for (i, j), ohms in zip(pairs, found.tolist(), strict=True):
         resistance[i, j] = resistance[j, i] = ohms if np.isfinite(ohms) else UNCONNECTED
-    files = output_files(job, output, None, None)
-    for i, j in pairs if files.wants_maps else ():
-        flow = solve_measurement(Measurement(netlist, (nodes[j],), (1.0,), (nodes[i],), None))
-        if flow is not None:
-            files.write_tables(f"_{points[i]}_{points[j]}", netlist, flow.voltage, flow.node_current,
-                               flow.resistor_current)  # fmt: skip
-    return _finished(job, points, resistance, files)
+    with output_files(job, output, None, None, (netlist.node_count,)) as files:
+        for i, j in pairs if files.wants_maps else ():
+            flow = solve_measurement(Measurement(netlist, (nodes[j],), (1.0,), (nodes[i],), None))
+            if flow is not None:
+                files.write_tables(f"_{points[i]}_{points[j]}", netlist, flow.voltage, flow.node_current,
+                                   flow.resistor_current)  # fmt: skip
+        return _finished(job, points, resistance, files)

@@ -54,7 +54,7 @@ def numbers_of(path: Path, columns: int | None, *, skip: int = 0) -> NDArray[np.
         if len(row) != count or not np.isfinite(row).all():
             raise InputError(f"{path}:{number}: expected {count} finite numbers, got {line.strip()[:80]!r}")
         rows.append(row)
-    return np.array(rows, dtype=np.float64).reshape(len(rows), -1)
+    return np.array(rows, dtype=np.float64).reshape(len(rows), len(rows[0]) if rows else columns or 0)
 
 
 def read_points(path: Path, habitat: Raster) -> FocalPoints:
@@ -119,6 +119,8 @@ def allowed_pairs(job: Configuration, ids: NDArray[np.int64]) -> tuple[NDArray[n
         lines = read_text(path).split("\n")
         least, most = (float(line.split()[1]) for line in lines[:2])
         table = numbers_of(path, None, skip=2)
+        if not table.size:
+            raise InputError(f"{path}: the table of pairs is empty; add a row with the numbers of the points")
         named, value = table[1:, 0].astype(np.int64), table[1:, 1:]
         if value.shape != (len(named), len(named)):
             raise InputError(f"{path}: the table has {value.shape[0]} rows and {value.shape[1]} columns of values")

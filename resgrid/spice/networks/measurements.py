@@ -56,6 +56,9 @@ def solve_measurement(measured: Measurement) -> Flow | None:
     ]
     if not driven:
         return None
+    if {node for node, _ in driven} <= set(grounds):  # points on one node: no current leaves the node
+        zeros = np.zeros(netlist.node_count)
+        return Flow(0.0, zeros, zeros, np.zeros(len(netlist.conductance)))
     if len(driven) == 1:
         return _from_one_source(netlist, *driven[0], grounds)
     place = np.arange(netlist.node_count)

@@ -221,6 +221,66 @@ def test_files_have_the_numbers_and_columns_of_circuitscape() -> None:
     assert [number_text(number) for number in numbers] == words
 
 
+MAPS = {"write_cur_maps": True, "write_volt_maps": True, "write_max_cur_maps": True}
+
+
+def test_two_points_on_one_node_have_0_ohm_and_maps_of_zeros() -> None:
+    Path("points.txt").write_text("1 10.5 27\n2 11 26.5\n4 19 27\n")
+    cells = np.full((4, 5), EMPTY)
+    cells[0, 1:] = 7
+    grid("polygons.asc", cells.tolist())
+    polygons = {"use_polygons": True, "polygon_file": "polygons.asc"}
+    Path("joined.txt").write_text("1 13 27\n2 19 27\n4 17 21\n")
+    for points, more in (("points.txt", {}), ("joined.txt", polygons)):
+        done = job(points=points, **MAPS, **more)
+        assert done.resistance[0, 1] == 0 and done.resistance[0, 2] > 0
+        np.testing.assert_allclose(done.resistance, job(points=points, **more).resistance, rtol=1e-9)
+        assert not written("job_curmap_1_2.asc").any() and not written("job_voltmap_1_2.asc").any()
+
+
+@pytest.mark.parametrize("scenario", ["pairwise", "one-to-all", "all-to-one"])
+def test_a_job_without_connections_replaces_older_maps_by_zeros(scenario: str) -> None:
+    job(scenario, **MAPS)
+    assert written("job_cum_curmap.asc").any() and written("job_max_curmap.asc").any()
+    habitat = [[1, 1, EMPTY, 1, 1], [EMPTY] * 5, [1, 1, EMPTY, 1, 1], [2, 1, EMPTY, 1, 1]]
+    grid("habitat.asc", habitat)
+    done = job(scenario, **MAPS)
+    assert (done.resistance[~np.eye(3, dtype=bool)] if scenario == "pairwise" else done.resistance).max() == -1
+    names = ["cum_curmap", "max_curmap"]
+    if scenario != "pairwise":
+        names += [f"{kind}_{number}" for kind in ("curmap", "voltmap") for number in (1, 2, 4)]
+    assert not any(written(f"job_{name}.asc").any() for name in names)
+    assert done.cumulative_current is not None and not done.cumulative_current.any()
+    assert {f"job_{name}.asc" for name in names} <= {file.name for file in done.files}
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, rg.InputError])
+def test_an_unfinished_job_leaves_the_folder_unchanged(error: type[BaseException]) -> None:
+    job()
+    Path("there").mkdir()
+    Path("there/job_resistances.out").write_text("older\n")
+    Path("there/summary.json").write_text('{"files": ["notes.txt"]}')
+    Path("there/notes.txt").write_text("foreign\n")
+    Path("job.ini").write_text(Path("job.ini").read_text() + "write_cur_maps = True\n")
+    before = {file.name: file.read_text() for file in Path("there").iterdir()}
+
+    def stop(done: int, total: int) -> None:
+        if done == 2:
+            raise error("stop")
+
+    for folder in ("there", "new/folder"):
+        with pytest.raises(error):
+            rg.spice.run_circuitscape("job.ini", folder, progress=stop)
+    assert {file.name: file.read_text() for file in Path("there").iterdir()} == before
+    assert not Path("new").exists()
+    done = rg.spice.run_circuitscape("job.ini", "there")
+    assert all(file.is_file() and file.parent == Path("there") for file in done.files)
+    assert {file.name for file in Path("there").iterdir()} == {file.name for file in done.files} | set(before)
+    assert Path("there/notes.txt").read_text() == "foreign\n"
+    with pytest.raises(rg.InputError, match="is a file, and the results need a folder"):
+        rg.spice.run_circuitscape("job.ini", "there/notes.txt")
+
+
 def test_a_network_job_writes_its_tables() -> None:
     Path("graph.txt").write_text("0 1 1\n1 2 2\n2 0 1\n7 8 1\n")
     Path("nodes.txt").write_text("0\n2\n8\n")
@@ -271,12 +331,17 @@ def test_geotiff_rasters_give_geotiff_maps() -> None:
         ({"point_file": "words.txt"}, "words.txt:2: 'two 3 4' does not consist of numbers"),
         ({"point_file": "single.txt"}, "at least two focal points, got 1"),
         ({"use_included_pairs": True, "included_pairs_file": "words.txt"}, "its first line is neither"),
+        ({"use_included_pairs": True, "included_pairs_file": "table.txt"}, "the table of pairs is empty"),
+        ({"point_file": "empty.txt"}, "empty.txt: a job needs at least two focal points, got 0"),
+        ({"output_file": "gone/job.out"}, "is in no existing folder; make .*gone' first"),
     ],
 )
 def test_rejected_jobs(keys: dict[str, object], words: str) -> None:
     Path("far.txt").write_text("1 11 21\n2 99 21\n")
     Path("words.txt").write_text("1 11 21\ntwo 3 4\n")
     Path("single.txt").write_text("1 11 21\n")
+    Path("empty.txt").write_text("\n")
+    Path("table.txt").write_text("min 1\nmax 2\n")
     scenario = str(keys.get("scenario", "pairwise"))
     with pytest.raises(rg.InputError, match=words):
         job(scenario, **{key: value for key, value in keys.items() if key != "scenario"})
