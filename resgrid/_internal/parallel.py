@@ -299,6 +299,7 @@ class _Scheduler:
 
     def _receive(self, future: Future[Any]) -> None:
         """Store the result or exception of a finished task, or schedule the task again if its worker failed."""
+        self._had_workers = True
         task = self._submitted.pop(future)
         error = CancelledError() if future.cancelled() else future.exception()
         if error is None and (answer := future.result()) is None:
