@@ -47,27 +47,19 @@ def opened(name: str, workers: int, folder: Path) -> Iterator[Executor | None]:
         from distributed import LocalCluster
 
         free_port = {"dashboard_address": "127.0.0.1:0"}  # without a dashboard it would still be 8787
-        with (
-            LocalCluster(
-                n_workers=workers, threads_per_worker=1, dashboard_address=None, scheduler_kwargs=free_port
-            ) as cluster,
-            _replaced(cluster, workers),
-            open_executor(cluster.scheduler_address.replace("tcp", "dask")) as executor,
-        ):
-            yield executor
+        with LocalCluster(
+            n_workers=workers, threads_per_worker=1, dashboard_address=None, scheduler_kwargs=free_port
+        ) as cluster:
+            # Replace each dead worker, also one that dies before its nanny knows that it has started.
+            cluster.adapt(minimum=workers, maximum=workers)
+            with open_executor(cluster.scheduler_address.replace("tcp", "dask")) as executor:
+                yield executor
     else:
         config = folder / "config.py"
         config.write_text(_PARSL.format(workers, str(folder / "parsl")))
         words = {"processes": f"processes:{workers}", "mpi": "mpi", "parsl": f"parsl:{config}"}
         with open_executor(words[name]) as executor:
             yield executor
-
-
-@contextmanager
-def _replaced(cluster: Any, workers: int) -> Iterator[None]:
-    """Let a dask cluster replace each dead worker, also one that dies before its nanny knows that it has started."""
-    cluster.adapt(minimum=workers, maximum=workers)
-    yield
 
 
 def run(name: str, workers: int, count: int, side: int, file: Path) -> dict[str, float]:
