@@ -8,7 +8,6 @@ from __future__ import annotations
 import os
 import re
 import shutil
-import signal
 import subprocess
 import sys
 from collections.abc import Mapping
@@ -17,6 +16,7 @@ from itertools import takewhile
 from pathlib import Path
 
 from resgrid._internal.files import temporary_folder
+from resgrid._internal.subprocesses import kill_session
 from resgrid.errors import BudgetError, InputError, ToolMissingError
 
 KICAD_VARIABLE = "RESGRID_KICAD_CLI"
@@ -176,10 +176,6 @@ def _run(command: list[str], timeout: float, settings: Mapping[str, str]) -> tup
             raise BudgetError(
                 f"{name} did not finish within {timeout:g} s; allow more time, or check a smaller file"
             ) from error
-        finally:  # end the process after a timeout and after Ctrl-C
-            if process.poll() is None:
-                if hasattr(os, "killpg"):  # includes the children of the process
-                    os.killpg(process.pid, signal.SIGKILL)
-                else:  # Windows
-                    process.kill()
+        finally:  # after a timeout and after Ctrl-C
+            kill_session(process)
     return process.returncode, printed, messages

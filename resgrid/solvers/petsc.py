@@ -13,7 +13,6 @@ import os
 import re
 import shlex
 import shutil
-import signal
 import subprocess
 import warnings
 import weakref
@@ -22,6 +21,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
+from resgrid._internal.subprocesses import kill_session
 from resgrid.errors import AccuracyError, InputError, ToolMissingError
 
 PYTHON_VARIABLE = "RESGRID_PETSC_PYTHON"
@@ -248,8 +248,7 @@ def _end(process: subprocess.Popen[bytes]) -> None:
     try:
         process.wait(_PATIENCE)
     except subprocess.TimeoutExpired:
-        os.killpg(process.pid, signal.SIGKILL)
-        process.wait()
+        kill_session(process)
 
 
 def _last_words(log: str) -> str:

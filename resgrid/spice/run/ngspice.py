@@ -7,7 +7,6 @@ import math
 import os
 import re
 import shutil
-import signal
 import subprocess
 import sys
 from collections.abc import Mapping
@@ -18,6 +17,7 @@ from types import MappingProxyType
 import numpy as np
 
 from resgrid._internal.files import temporary_folder
+from resgrid._internal.subprocesses import kill_session
 from resgrid.errors import BudgetError, InputError, ToolMissingError
 from resgrid.spice.run.rawfile import RawFile, read_rawfile
 
@@ -206,13 +206,8 @@ def run_quietly(
             raise BudgetError(
                 f"{name} did not finish {source} within {timeout:g} s; allow more time or check a smaller grid"
             ) from error
-        finally:  # end the process after a timeout and after Ctrl-C
-            if process.poll() is None:
-                if hasattr(os, "killpg"):  # includes the children of the process
-                    os.killpg(process.pid, signal.SIGKILL)
-                else:  # Windows
-                    process.kill()
-                process.wait()
+        finally:  # after a timeout and after Ctrl-C
+            kill_session(process)
 
 
 def _limit_processor_time(pid: int, seconds: float) -> None:

@@ -1,0 +1,21 @@
+"""Processes of outside programs."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+
+
+def kill_session(process: subprocess.Popen[bytes] | subprocess.Popen[str]) -> None:
+    """Kill a process, and its children where it has a session of its own; do nothing if it has ended.
+
+    `process`: started with ``start_new_session=True``.  On Windows, which has no sessions, its children are left.
+    """
+    if process.poll() is not None:
+        return
+    if hasattr(os, "killpg"):
+        os.killpg(process.pid, signal.SIGKILL)
+    else:
+        process.kill()
+    process.wait()
