@@ -68,7 +68,10 @@ def check_layout(
     >>> rg.hardware.check_layout(file).agrees
     True
     """
-    path, record = Path(file), read_record(file)
+    path = Path(file)
+    if not path.is_file():
+        raise InputError(f"{file}: there is no such file; check the name and the folder")
+    record = read_record(path)
     if record.kind != "layout" or record.process is None:
         state = "names no process" if record.kind == "layout" else "describes a board"
         raise InputError(f"{file}: its record {state}; write the layout again with 'resgrid layout'")
