@@ -13,9 +13,9 @@ from typing import Any
 from resgrid._internal.extras import install_command
 from resgrid._internal.files import atomic_path
 from resgrid.core.netlist import Netlist
+from resgrid.core.regions import crossed_faces
 from resgrid.errors import InputError, ToolMissingError
 from resgrid.hardware.layout import TOP, Layout, circuit_hash
-from resgrid.hardware.layout_array import resistor_faces
 from resgrid.hardware.layout_rails import pad_name
 from resgrid.hardware.layout_rules import DrawnCell
 from resgrid.hardware.record import HardwareRecord, Part, Supply, record_path, write_record
@@ -28,7 +28,6 @@ DATE = datetime(2000, 1, 1)
 
 COMPRESSION = 9
 """Compression level of an OASIS file."""
-
 
 MOST_RECORDED = 65_536
 """Largest number of cells of a grid whose layout gets a record by default."""
@@ -152,7 +151,8 @@ def record_of(layout: Layout, name: str) -> HardwareRecord:
 
 def part_names(netlist: Netlist) -> list[str]:
     """Return the name of every resistor by its face: ``RX_3_4`` between the cells (2, 4) and (3, 4)."""
-    return [f"R{'XY'[axis]}_{i}_{j}" for axis, i, j in resistor_faces(netlist).tolist()]
+    axes, faces = crossed_faces(netlist.cells.resistor_face, netlist.cells.space.shape)
+    return [f"R{'XY'[axis]}_{i}_{j}" for axis, (i, j) in zip(axes.tolist(), faces.tolist(), strict=True)]
 
 
 def _pad_parts(layout: Layout) -> Iterator[Part]:
