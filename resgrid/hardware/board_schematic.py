@@ -8,12 +8,13 @@ from itertools import pairwise
 from math import ceil
 
 from resgrid.core.cell import Cell
-from resgrid.hardware.board_circuit import GROUND_NET, BoardCircuit, GridResistor
+from resgrid.hardware.board_circuit import BoardCircuit, GridResistor
 from resgrid.hardware.e_series import resistance_text
 from resgrid.hardware.kicad import symbols
 from resgrid.hardware.kicad.footprints import LIBRARY, PlacedFootprint
 from resgrid.hardware.kicad.schematic import PlacedSymbol, Point, Sheet, TextPlace
 from resgrid.hardware.placement import Index, Placement
+from resgrid.hardware.record import GROUND
 
 _STEP = 25.4
 """Distance of cells on a sheet, in millimetres."""
@@ -196,7 +197,7 @@ def _closed(pin: int) -> dict[str, str]:
 
 def _power(net: str, at: Point, turn: int, reference: str, *, shown: bool) -> PlacedSymbol:
     """Return the symbol of ground or a rail, which names its net."""
-    symbol = symbols.GROUND if net == GROUND_NET else symbols.RAIL
+    symbol = symbols.GROUND if net == GROUND else symbols.RAIL
     text = TextPlace(0.0, 3.9 if symbol is symbols.GROUND else -2.5, _SMALL) if shown else None
     return PlacedSymbol(symbol, reference, net, *at, turn, value_at=text)
 
@@ -204,7 +205,7 @@ def _power(net: str, at: Point, turn: int, reference: str, *, shown: bool) -> Pl
 def _draw_terminals(root: Sheet, placement: Placement, left: float) -> None:
     """Draw supply, headers and holes on the root; `left`: place of their left end, in millimetres."""
     y, numbers = 45.72, iter(range(1, 1000))
-    rails = {placement.circuit.high_net, GROUND_NET, *placement.circuit.goal_nets}
+    rails = {placement.circuit.high_net, GROUND, *placement.circuit.goal_nets}
     for placed in placement.headers:
         x = left + 35.56
         symbol = symbols.connector(len(placed.nets))
@@ -222,8 +223,8 @@ def _draw_terminals(root: Sheet, placement: Placement, left: float) -> None:
                 text = TextPlace(-4.6, 0.0, _SMALL)
                 root.symbols.append(
                     PlacedSymbol(
-                        symbols.GROUND if net == GROUND_NET else symbols.RAIL, f"#PWRJ{next(numbers)}", net, *end,
-                        270 if net == GROUND_NET else 90, value_at=text,
+                        symbols.GROUND if net == GROUND else symbols.RAIL, f"#PWRJ{next(numbers)}", net, *end,
+                        270 if net == GROUND else 90, value_at=text,
                     )
                 )  # fmt: skip
             else:
@@ -253,14 +254,14 @@ def _draw_sources(root: Sheet, circuit: BoardCircuit, left: float) -> None:
         root.symbols += [
             PlacedSymbol(symbols.SOURCE, f"V{number}", f"{volts:g} V", x, top, 0, "", name, value, model),
             PlacedSymbol(symbols.RAIL, f"#PWRV{number}", net, x, top - 5.08, value_at=TextPlace(0.0, -2.5, _SMALL)),
-            PlacedSymbol(symbols.GROUND, f"#PWRW{number}", GROUND_NET, x, top + 5.08),
+            PlacedSymbol(symbols.GROUND, f"#PWRW{number}", GROUND, x, top + 5.08),
             PlacedSymbol(symbols.FLAG, f"#FLG{number}", "PWR_FLAG", x + 2.54, top - 5.08),
         ]
         root.wires.append(((x, top - 5.08), (x + 2.54, top - 5.08)))
     x = left + 5.08 + 20.32 * min(len(nets), 6)
     root.symbols += [
         PlacedSymbol(symbols.FLAG, "#FLG0", "PWR_FLAG", x, y),
-        PlacedSymbol(symbols.GROUND, "#PWRG", GROUND_NET, x, y + 2.54),
+        PlacedSymbol(symbols.GROUND, "#PWRG", GROUND, x, y + 2.54),
     ]
     root.wires.append(((x, y), (x, y + 2.54)))
     ends = Counter(place for wire in root.wires for place in wire)

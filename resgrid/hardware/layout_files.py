@@ -18,7 +18,7 @@ from resgrid.errors import InputError, ToolMissingError
 from resgrid.hardware.layout import TOP, Layout, circuit_hash
 from resgrid.hardware.layout_rails import pad_name
 from resgrid.hardware.layout_rules import DrawnCell
-from resgrid.hardware.record import HardwareRecord, Part, Supply, record_path, write_record
+from resgrid.hardware.record import GROUND, HardwareRecord, Part, Supply, record_path, write_record
 
 SUFFIXES = (".gds", ".oas")
 """Suffixes of layout files: GDSII and OASIS."""
@@ -141,7 +141,7 @@ def record_of(layout: Layout, name: str) -> HardwareRecord:
         scene_hash=circuit_hash(netlist),
         process=layout.process,
         parts=parts,
-        sources=tuple(Supply(net, net, "0", volts[net]) for net in pads if net in touched),
+        sources=tuple(Supply(net, net, GROUND, volts[net]) for net in pads if net in touched),
         voltages={net: volts[net] for net in nets if net in touched},
         nodes={
             net: divmod(cell, columns) for net, cell in zip(nets, cell_of, strict=True) if cell >= 0 and net in touched

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from resgrid.errors import InputError
-from resgrid.hardware.board_circuit import GROUND_NET, BoardCircuit, Kind
+from resgrid.hardware.board_circuit import BoardCircuit, Kind
 from resgrid.hardware.kicad.footprints import (
     HOLE,
     PIN_SPACING,
@@ -20,6 +20,7 @@ from resgrid.hardware.kicad.footprints import (
     PlacedFootprint,
     pin_header,
 )
+from resgrid.hardware.record import GROUND
 
 Point = tuple[float, float]
 Index = tuple[int, int]
@@ -254,11 +255,11 @@ class Placement:
         left, _, right, bottom = self.ring
         high, goals = self.circuit.high_net, self.linked_goals
         parts: list[tuple[Footprint, str, float, float, tuple[str, ...], int]] = []
-        parts.append((TERMINAL, "SUPPLY", left + 4.2, bottom + 6.5, (high, GROUND_NET), 0))
-        parts.append((pin_header(3), "REFERENCE", left + 12.0, bottom + 4.4, (high, GROUND_NET, GROUND_NET), 0))
+        parts.append((TERMINAL, "SUPPLY", left + 4.2, bottom + 6.5, (high, GROUND), 0))
+        parts.append((pin_header(3), "REFERENCE", left + 12.0, bottom + 4.4, (high, GROUND, GROUND), 0))
         for number, net in enumerate(goals):
             x = right - 2.5 - _LINK_SPACING * (len(goals) - 1 - number)
-            parts.append((pin_header(2), f"LINK {net}", x, bottom + 5.0 + PIN_SPACING, (GROUND_NET, net), 180))
+            parts.append((pin_header(2), f"LINK {net}", x, bottom + 5.0 + PIN_SPACING, (GROUND, net), 180))
         for group in self.channels:
             row = group[0].cell[1]
             pins = tuple(channel.net for channel in group)
