@@ -23,7 +23,7 @@ from resgrid.errors import InputError
 from resgrid.hardware.board_circuit import BoardCircuit, Kind, board_circuit
 from resgrid.hardware.e_series import resistance_text
 from resgrid.hardware.kicad.footprints import PlacedFootprint
-from resgrid.hardware.placement import USUAL_PITCH, Index, Placement
+from resgrid.hardware.placement import USUAL_PITCH, Index, Placement, cell_of
 from resgrid.hardware.record import GROUND, HardwareRecord, Part, PartType, Supply
 from resgrid.hardware.silkscreen import SEE_BACK
 from resgrid.planning.pipeline import problem_of
@@ -174,9 +174,9 @@ class Board:
         cells = self.circuit.space.cell
         joined = dict[str, tuple[int, ...]]()
         for placed in self.placement.jumpers:
-            i, j = map(int, placed.value.split(","))
-            if cells[i, j] != Cell.FREE:
-                joined[placed.reference] = pads[Cell(int(cells[i, j]))]
+            state = cells[cell_of(placed)]
+            if state != Cell.FREE:
+                joined[placed.reference] = pads[Cell(int(state))]
         return joined
 
     def record(self) -> HardwareRecord:

@@ -13,7 +13,7 @@ from resgrid.hardware.e_series import resistance_text
 from resgrid.hardware.kicad import symbols
 from resgrid.hardware.kicad.footprints import LIBRARY, PlacedFootprint
 from resgrid.hardware.kicad.schematic import PlacedSymbol, Point, Sheet, TextPlace
-from resgrid.hardware.placement import Index, Placement
+from resgrid.hardware.placement import Index, Placement, cell_of
 from resgrid.hardware.record import GROUND
 
 _STEP = 25.4
@@ -61,6 +61,9 @@ def draw_schematic(placement: Placement) -> list[Sheet]:
             sheets.append(sheet)
     _draw_terminals(root, placement, left)
     _draw_sources(root, circuit, left)
+    for sheet in sheets:  # a junction wherever at least three ends of wires meet
+        ends = Counter(place for wire in sheet.wires for place in wire)
+        sheet.junctions += [place for place, count in ends.items() if count > 2]
     return sheets
 
 
@@ -83,8 +86,8 @@ class _Drawing:
             low, high = part.ends
             inside = 0 <= low[0] < columns and 0 <= low[1] < rows and low in placement.circuit.cell_nets
             self._resistors.setdefault(low if inside else high, []).append(part)
-        self._pads = _by_value(placement.test_pads)
-        self._jumpers = _by_value(placement.jumpers)
+        self._pads = {cell_of(pad): pad for pad in placement.test_pads}
+        self._jumpers = {cell_of(jumper): jumper for jumper in placement.jumpers}
         self._powers = Counter[str]()
 
     def draw_block(self, sheet: Sheet, across: tuple[int, int], up: tuple[int, int]) -> None:
@@ -104,7 +107,6 @@ class _Drawing:
                     self._draw_node(sheet, (i, j), at)
                 for part in self._resistors.get((i, j), ()):
                     self._draw_resistor(sheet, part, (i, j), at, across, up)
-        self._join(sheet)
 
     def _draw_node(self, sheet: Sheet, cell: Index, at: Point) -> None:
         """Draw label, test pad and solder jumper of a cell."""
@@ -164,16 +166,6 @@ class _Drawing:
         self._powers[sheet.name] += 1
         reference = f"#PWR{sheet.name.replace(' ', '')}_{self._powers[sheet.name]}"
         sheet.symbols.append(_power(net, at, turn, reference, shown=shown))
-
-    def _join(self, sheet: Sheet) -> None:
-        """Add a junction wherever at least three ends of wires or pins meet."""
-        ends = Counter(place for wire in sheet.wires for place in wire)
-        sheet.junctions += [place for place, count in ends.items() if count > 2]
-
-
-def _by_value(parts: list[PlacedFootprint]) -> dict[Index, PlacedFootprint]:
-    """Return parts by their cell, which is their value."""
-    return {(int(a), int(b)): part for part in parts for a, b in [part.value.split(",")]}
 
 
 def _part(
@@ -242,7 +234,7 @@ def _sources(circuit: BoardCircuit) -> Iterator[tuple[str, float]]:
 
 
 def _draw_sources(root: Sheet, circuit: BoardCircuit, left: float) -> None:
-    """Draw the sources of the simulation and the flags of driven nets on the root, in rows of eight."""
+    """Draw the sources of the simulation and the flags of driven nets on the root, in rows of six."""
     y = 213.36
     nets = [*_sources(circuit)]
     root.notes.append(("Supply and closed links, for the simulation only", (left, y - 12.7), 1.8))
@@ -264,5 +256,3 @@ def _draw_sources(root: Sheet, circuit: BoardCircuit, left: float) -> None:
         PlacedSymbol(symbols.GROUND, "#PWRG", GROUND, x, y + 2.54),
     ]
     root.wires.append(((x, y), (x, y + 2.54)))
-    ends = Counter(place for wire in root.wires for place in wire)
-    root.junctions += [place for place, count in ends.items() if count > 2 and place not in root.junctions]

@@ -9,6 +9,7 @@ import numpy as np
 
 from resgrid.errors import InputError
 from resgrid.hardware.board_circuit import BoardCircuit, Kind
+from resgrid.hardware.e_series import resistance_text
 from resgrid.hardware.kicad.footprints import (
     HOLE,
     PIN_SPACING,
@@ -128,8 +129,6 @@ class Placement:
     @property
     def resistors(self) -> list[PlacedFootprint]:
         """All resistors, with their references next to them on the silkscreen."""
-        from resgrid.hardware.e_series import resistance_text
-
         placed = []
         size = label_size(max(len(part.reference) for part in self.circuit.resistors))
         for part in self.circuit.resistors:
@@ -290,6 +289,12 @@ class Placement:
     def parts(self) -> list[PlacedFootprint]:
         """All parts of the board."""
         return [*self.resistors, *self.jumpers, *self.test_pads, *self.headers, *self.holes]
+
+
+def cell_of(placed: PlacedFootprint) -> Index:
+    """Return the cell of a test pad or solder jumper, which is its value as text: ``"3,4"``."""
+    i, j = map(int, placed.value.split(","))
+    return i, j
 
 
 def label_size(characters: int) -> Point:
