@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import zipfile
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 from resgrid._internal.files import write_text
@@ -105,8 +106,6 @@ def silkscreen_of(board: Board) -> Graphics:
 
 def _with_path(placed: PlacedFootprint, paths: Mapping[str, str]) -> PlacedFootprint:
     """Return a footprint that refers to its symbol; `paths`: path of every symbol by reference."""
-    from dataclasses import replace
-
     return replace(placed, path=paths.get(placed.reference, ""))
 
 
@@ -119,30 +118,15 @@ def manufacture(kicad: KicadCli, folder: Path) -> list[str]:
     gerbers = folder / "gerbers"
     gerbers.mkdir(exist_ok=True)
     layers = "F.Cu,B.Cu,F.Mask,B.Mask,F.Paste,F.SilkS,B.SilkS,Edge.Cuts"
+    picture = ("--background", "opaque", "-w", "1600", "-h", "1600")
     runs = (
         ("pcb", "export", "gerbers", "--layers", layers, "-o", gerbers, board),
         ("pcb", "export", "drill", "-o", gerbers, board),
         ("pcb", "export", "pos", "--format", "csv", "--units", "mm", "-o", folder / "positions.csv", board),
         ("pcb", "export", "ipcd356", "-o", folder / "grid.d356", board),
         ("sch", "export", "pdf", "-o", folder / "schematic.pdf", sheet),
-        *(
-            (
-                "pcb",
-                "render",
-                "--side",
-                side,
-                "--background",
-                "opaque",
-                "-w",
-                "1600",
-                "-h",
-                "1600",
-                "-o",
-                folder / name,
-                board,
-            )
-            for side, name in (("top", "board_front.png"), ("bottom", "board_back.png"))
-        ),
+        ("pcb", "render", "--side", "top", *picture, "-o", folder / "board_front.png", board),
+        ("pcb", "render", "--side", "bottom", *picture, "-o", folder / "board_back.png", board),
     )
     for run in runs:
         kicad.run(*run)
