@@ -216,7 +216,7 @@ class Board:
         return digest.hexdigest()
 
     @property
-    def summary(self) -> str:
+    def subtitle(self) -> str:
         """Second line of the board's title: size, boundary, resistors and revision."""
         wiring = self.circuit.wiring
         values = sorted({part.ohms for part in self.circuit.resistors})

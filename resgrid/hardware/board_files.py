@@ -40,7 +40,7 @@ def board_files(board: Board, *, manufactured: bool = False) -> dict[str, str]:
     `manufactured`: whether the README describes the files of `manufacture`.
     """
     sheets = draw_schematic(board.placement)
-    comments = (board.summary, *board.legend[:2])
+    comments = (board.subtitle, *board.legend[:2])
     symbols = {placed.symbol.name: placed.symbol for sheet in sheets for placed in sheet.symbols}
     footprints = {placed.footprint.name: placed.footprint for placed in board.placement.parts}
     files = {
@@ -86,7 +86,7 @@ def _drawing(board: Board, sheets: list[Sheet]) -> BoardDrawing:
     return BoardDrawing(
         board.title,
         REVISION,
-        (board.summary, *board.legend[:2]),
+        (board.subtitle, *board.legend[:2]),
         placement.size,
         placement.origin,
         _CORNER_RADIUS,
@@ -101,7 +101,7 @@ def _drawing(board: Board, sheets: list[Sheet]) -> BoardDrawing:
 
 def silkscreen_of(board: Board) -> Graphics:
     """Return the texts and lines that are printed on a board."""
-    return draw_silkscreen(board.placement, (board.title, board.summary, board.legend), board.starts)
+    return draw_silkscreen(board.placement, (board.title, board.subtitle, board.legend), board.starts)
 
 
 def _with_path(placed: PlacedFootprint, paths: Mapping[str, str]) -> PlacedFootprint:
