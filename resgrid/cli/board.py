@@ -136,9 +136,9 @@ def _write(board: rg.hardware.Board, work: Path, kicad: KicadCli | None) -> dict
         names = write_board(board, work, manufactured=kicad is not None)
     with stage("draw the plan"):
         plan = "jumper_plan" if board.kind == "jumpers" else "expected_voltages"
+        picture = draw(board)
         for suffix in ("pdf", "png"):
-            save_figure(draw(board), work / f"{plan}.{suffix}")
-            names.append(f"{plan}.{suffix}")
+            names.append(save_figure(picture, work / f"{plan}.{suffix}").name)
     if kicad is not None:
         with stage("run kicad-cli", seconds=30.0):
             names += manufacture(kicad, work)

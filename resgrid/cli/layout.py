@@ -131,9 +131,9 @@ def _width(scene: rg.Scene, width: float | None, matching: float | None) -> floa
 
     `width`: the option in micrometres; `matching`: wanted deviation, which determines the width.
     """
-    if width is None:
-        return None if matching is not None else scene.chip.width
-    return width * 1e-6
+    if width is not None:
+        return width * 1e-6
+    return scene.chip.width if matching is None else None
 
 
 def _floor_plan(summary: Mapping[str, Any]) -> Iterator[str]:
@@ -145,10 +145,10 @@ def _floor_plan(summary: Mapping[str, Any]) -> Iterator[str]:
     yield f"{summary['process']}: {columns} x {rows} cells of {px * um:.4g} x {py * um:.4g} um"
     array = " x ".join(f"{side * um:.5g}" for side in summary["array_size"])
     yield f"array {array} um ({summary['array_area'] * 1e6:.4g} mm^2), outline {width * um:.5g} x {height * um:.5g} um"
-    ohms = _span(resistor["resistance"], 1.0, ".6g")
+    ohms, rows = _span(resistor["resistance"], 1.0, ".6g"), _span(resistor["rows"], 1, "d")
     yield (
         f"{counted(summary['resistors'], 'resistor')} of {ohms} ohm, {resistor['width'] * um:.4g} um wide and "
-        f"{_span(resistor['length'], um, '.4g')} um long in {_span(resistor['rows'], 1, 'd')} rows"
+        f"{_span(resistor['length'], um, '.4g')} um long in {rows} row{'s' * (rows != '1')}"
     )
     for net, amps in rails["current"].items():
         yield f"rail {net}: {amps:.3g} A, voltage drop up to {rails['drop'].get(net, 0.0):.2g} V"

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from resgrid.core.cell import Cell
 from resgrid.hardware.e_series import resistance_text
 from resgrid.hardware.kicad.footprints import TERMINAL
+from resgrid.hardware.placement import cell_of
 from resgrid.hardware.record import natural_order
 
 if TYPE_CHECKING:
@@ -74,7 +75,7 @@ def format_voltages(board: Board) -> str:
     kinds = {Cell.FREE: "free", Cell.OBSTACLE: "obstacle", Cell.GOAL: "goal"}
     rows = []
     for placed in board.placement.test_pads:
-        i, j = map(int, placed.value.split(","))
+        i, j = cell_of(placed)
         net = placed.nets[0]
         x, y = space.centre((i, j))
         kind = kinds[Cell(int(space.cell[i, j]))]

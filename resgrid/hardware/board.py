@@ -20,11 +20,11 @@ from resgrid.core.cell import Cell
 from resgrid.core.space import ConfigurationSpace
 from resgrid.core.wiring import Wiring, WiringOptions, wiring_of
 from resgrid.errors import InputError
-from resgrid.hardware.board_circuit import GROUND_NET, BoardCircuit, Kind, board_circuit
+from resgrid.hardware.board_circuit import BoardCircuit, Kind, board_circuit
 from resgrid.hardware.e_series import resistance_text
 from resgrid.hardware.kicad.footprints import PlacedFootprint
-from resgrid.hardware.placement import USUAL_PITCH, Index, Placement
-from resgrid.hardware.record import HardwareRecord, Part, PartType, Supply
+from resgrid.hardware.placement import USUAL_PITCH, Index, Placement, cell_of
+from resgrid.hardware.record import GROUND, HardwareRecord, Part, PartType, Supply
 from resgrid.hardware.silkscreen import SEE_BACK
 from resgrid.planning.pipeline import problem_of
 from resgrid.planning.trace import start_cell
@@ -174,9 +174,9 @@ class Board:
         cells = self.circuit.space.cell
         joined = dict[str, tuple[int, ...]]()
         for placed in self.placement.jumpers:
-            i, j = map(int, placed.value.split(","))
-            if cells[i, j] != Cell.FREE:
-                joined[placed.reference] = pads[Cell(int(cells[i, j]))]
+            state = cells[cell_of(placed)]
+            if state != Cell.FREE:
+                joined[placed.reference] = pads[Cell(int(state))]
         return joined
 
     def record(self) -> HardwareRecord:
@@ -191,8 +191,8 @@ class Board:
         ohms = {part.reference: part.ohms for part in circuit.resistors}
         parts = tuple(self._part(placed, ohms) for placed in self.placement.parts)
         wiring = circuit.wiring
-        sources = [Supply("supply", circuit.high_net, GROUND_NET, wiring.high)]
-        sources += [Supply(net, net, GROUND_NET, wiring.goal_voltage) for net in circuit.goal_nets]
+        sources = [Supply("supply", circuit.high_net, GROUND, wiring.high)]
+        sources += [Supply(net, net, GROUND, wiring.goal_voltage) for net in circuit.goal_nets]
         nodes = {net: cell for cell, net in circuit.cell_nets.items() if net.startswith("n_")}
         touched = {net for part in circuit.resistors for net in (part.lower, part.upper)}
         volts = {net: value for net, value in circuit.voltages.items() if net in touched}
@@ -216,7 +216,7 @@ class Board:
         return digest.hexdigest()
 
     @property
-    def summary(self) -> str:
+    def subtitle(self) -> str:
         """Second line of the board's title: size, boundary, resistors and revision."""
         wiring = self.circuit.wiring
         values = sorted({part.ohms for part in self.circuit.resistors})

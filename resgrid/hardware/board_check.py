@@ -6,7 +6,7 @@ import os
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from resgrid._internal.files import temporary_folder
+from resgrid._internal.files import read_bytes, temporary_folder
 from resgrid.errors import CircuitError, InputError, ToolMissingError
 from resgrid.hardware.comparison import (
     VoltageComparison,
@@ -15,7 +15,6 @@ from resgrid.hardware.comparison import (
     compare_voltages,
     pads_of,
     short_circuit,
-    supply_of,
 )
 from resgrid.hardware.extracted_circuit import read_kicad_spice, simulate_kicad_spice, solve_extracted
 from resgrid.hardware.hardware_check import HardwareCheck
@@ -114,8 +113,7 @@ def find_board(path: Path) -> Path:
             )  # fmt: skip
         return boards[0]
     board = path.with_suffix(".kicad_pcb") if path.suffix in (".kicad_pro", ".kicad_sch") else path
-    if not board.is_file():
-        raise InputError(f"{board}: there is no such file; check the name and the folder")
+    read_bytes(board, first=0, piped=False)  # raises InputError if the board is absent
     return board
 
 
@@ -208,19 +206,17 @@ def _add_voltages(work: _Work, compared: VoltageComparison) -> None:
 
 def _result(work: _Work, record: HardwareRecord, tolerance: float) -> HardwareCheck:
     """Return the result of a verification."""
-    errors = [compared.max_abs_error for compared in work.voltages if compared.max_abs_error is not None]
-    largest = max(errors, default=None)
+    compared = [each for each in work.voltages if each.max_abs_error is not None]
+    worst = max(compared, key=lambda each: each.max_abs_error or 0.0, default=VoltageComparison())
     return HardwareCheck(
         verified=work.complete,
         findings=tuple(dict.fromkeys(work.findings)),
-        max_abs_error=largest,
-        max_relative_error=None if largest is None else largest / supply_of(record),
+        max_abs_error=worst.max_abs_error,
+        max_relative_error=worst.max_relative_error,
         nodes=max((compared.nodes for compared in work.voltages), default=0),
         parts=len(record.parts),
         tools=work.tools,
         tolerance=tolerance,
-        worst=max(
-            (c.worst for c in work.voltages), key=lambda w: max((abs(b - a) for _, a, b in w), default=0.0), default=()
-        ),
+        worst=worst.worst,
         remark="; ".join(work.remarks),
     )

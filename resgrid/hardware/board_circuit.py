@@ -20,6 +20,7 @@ from resgrid.core.space import ConfigurationSpace
 from resgrid.core.wiring import Wiring
 from resgrid.errors import CircuitError, InputError
 from resgrid.hardware.e_series import nearest_e96
+from resgrid.hardware.record import GROUND
 
 Kind = Literal["fixed", "jumpers"]
 
@@ -32,8 +33,8 @@ RESISTORS = (1.0, 10e6)
 MOST_HEAT = 0.1
 """Rated power of a resistor of size 0603, in watts."""
 
-GROUND_NET, OBSTACLE_NET, GOAL_NET = "0", "obstacle", "goal"
-"""Names of the nets of ground, of the obstacle rail, and of the goal rail of a board with jumpers."""
+OBSTACLE_NET, GOAL_NET = "obstacle", "goal"
+"""Names of the nets of the obstacle rail, and of the goal rail of a board with jumpers."""
 
 
 @dataclass(frozen=True)
@@ -155,7 +156,7 @@ class BoardCircuit:
         used = {net for part in self.resistors for net in (part.lower, part.upper)}
         volts = {net: float(self.op.voltage[node]) for node, net in enumerate(self.node_nets) if net in used}
         volts |= dict.fromkeys(self.goal_nets, self.wiring.goal_voltage)
-        return volts | {self.high_net: self.wiring.high, GROUND_NET: 0.0}
+        return volts | {self.high_net: self.wiring.high, GROUND: 0.0}
 
     @property
     def power(self) -> float:
@@ -176,11 +177,8 @@ class BoardCircuit:
     @property
     def goal_currents(self) -> dict[str, float]:
         """Current into every goal region, in amperes, by the region's name ``goal_0``, ``goal_1`` ..."""
-        volts, total = self.op.voltage, dict[str, float]()
-        pairs, current = (
-            self.netlist.resistor_nodes,
-            (volts[self.netlist.resistor_nodes] @ [1.0, -1.0]) * self.netlist.conductance,
-        )
+        pairs, current = self.netlist.resistor_nodes, self.op.resistor_current
+        total = dict[str, float]()
         region_of = np.full(self.netlist.node_count, -1)
         goal = self.space.cell == Cell.GOAL
         region_of[self.netlist.cells.node[goal]] = self.space.goal_region[goal]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import zipfile
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 from resgrid._internal.files import write_text
@@ -39,7 +40,7 @@ def board_files(board: Board, *, manufactured: bool = False) -> dict[str, str]:
     `manufactured`: whether the README describes the files of `manufacture`.
     """
     sheets = draw_schematic(board.placement)
-    comments = (board.summary, *board.legend[:2])
+    comments = (board.subtitle, *board.legend[:2])
     symbols = {placed.symbol.name: placed.symbol for sheet in sheets for placed in sheet.symbols}
     footprints = {placed.footprint.name: placed.footprint for placed in board.placement.parts}
     files = {
@@ -85,7 +86,7 @@ def _drawing(board: Board, sheets: list[Sheet]) -> BoardDrawing:
     return BoardDrawing(
         board.title,
         REVISION,
-        (board.summary, *board.legend[:2]),
+        (board.subtitle, *board.legend[:2]),
         placement.size,
         placement.origin,
         _CORNER_RADIUS,
@@ -100,13 +101,11 @@ def _drawing(board: Board, sheets: list[Sheet]) -> BoardDrawing:
 
 def silkscreen_of(board: Board) -> Graphics:
     """Return the texts and lines that are printed on a board."""
-    return draw_silkscreen(board.placement, (board.title, board.summary, board.legend), board.starts)
+    return draw_silkscreen(board.placement, (board.title, board.subtitle, board.legend), board.starts)
 
 
 def _with_path(placed: PlacedFootprint, paths: Mapping[str, str]) -> PlacedFootprint:
     """Return a footprint that refers to its symbol; `paths`: path of every symbol by reference."""
-    from dataclasses import replace
-
     return replace(placed, path=paths.get(placed.reference, ""))
 
 
@@ -119,30 +118,15 @@ def manufacture(kicad: KicadCli, folder: Path) -> list[str]:
     gerbers = folder / "gerbers"
     gerbers.mkdir(exist_ok=True)
     layers = "F.Cu,B.Cu,F.Mask,B.Mask,F.Paste,F.SilkS,B.SilkS,Edge.Cuts"
+    picture = ("--background", "opaque", "-w", "1600", "-h", "1600")
     runs = (
         ("pcb", "export", "gerbers", "--layers", layers, "-o", gerbers, board),
         ("pcb", "export", "drill", "-o", gerbers, board),
         ("pcb", "export", "pos", "--format", "csv", "--units", "mm", "-o", folder / "positions.csv", board),
         ("pcb", "export", "ipcd356", "-o", folder / "grid.d356", board),
         ("sch", "export", "pdf", "-o", folder / "schematic.pdf", sheet),
-        *(
-            (
-                "pcb",
-                "render",
-                "--side",
-                side,
-                "--background",
-                "opaque",
-                "-w",
-                "1600",
-                "-h",
-                "1600",
-                "-o",
-                folder / name,
-                board,
-            )
-            for side, name in (("top", "board_front.png"), ("bottom", "board_back.png"))
-        ),
+        ("pcb", "render", "--side", "top", *picture, "-o", folder / "board_front.png", board),
+        ("pcb", "render", "--side", "bottom", *picture, "-o", folder / "board_back.png", board),
     )
     for run in runs:
         kicad.run(*run)

@@ -8,12 +8,13 @@ from itertools import pairwise
 from math import ceil
 
 from resgrid.core.cell import Cell
-from resgrid.hardware.board_circuit import GROUND_NET, BoardCircuit, GridResistor
+from resgrid.hardware.board_circuit import BoardCircuit, GridResistor
 from resgrid.hardware.e_series import resistance_text
 from resgrid.hardware.kicad import symbols
 from resgrid.hardware.kicad.footprints import LIBRARY, PlacedFootprint
 from resgrid.hardware.kicad.schematic import PlacedSymbol, Point, Sheet, TextPlace
-from resgrid.hardware.placement import Index, Placement
+from resgrid.hardware.placement import Index, Placement, cell_of
+from resgrid.hardware.record import GROUND
 
 _STEP = 25.4
 """Distance of cells on a sheet, in millimetres."""
@@ -60,6 +61,9 @@ def draw_schematic(placement: Placement) -> list[Sheet]:
             sheets.append(sheet)
     _draw_terminals(root, placement, left)
     _draw_sources(root, circuit, left)
+    for sheet in sheets:  # a junction wherever at least three ends of wires meet
+        ends = Counter(place for wire in sheet.wires for place in wire)
+        sheet.junctions += [place for place, count in ends.items() if count > 2]
     return sheets
 
 
@@ -82,8 +86,8 @@ class _Drawing:
             low, high = part.ends
             inside = 0 <= low[0] < columns and 0 <= low[1] < rows and low in placement.circuit.cell_nets
             self._resistors.setdefault(low if inside else high, []).append(part)
-        self._pads = _by_value(placement.test_pads)
-        self._jumpers = _by_value(placement.jumpers)
+        self._pads = {cell_of(pad): pad for pad in placement.test_pads}
+        self._jumpers = {cell_of(jumper): jumper for jumper in placement.jumpers}
         self._powers = Counter[str]()
 
     def draw_block(self, sheet: Sheet, across: tuple[int, int], up: tuple[int, int]) -> None:
@@ -103,7 +107,6 @@ class _Drawing:
                     self._draw_node(sheet, (i, j), at)
                 for part in self._resistors.get((i, j), ()):
                     self._draw_resistor(sheet, part, (i, j), at, across, up)
-        self._join(sheet)
 
     def _draw_node(self, sheet: Sheet, cell: Index, at: Point) -> None:
         """Draw label, test pad and solder jumper of a cell."""
@@ -164,16 +167,6 @@ class _Drawing:
         reference = f"#PWR{sheet.name.replace(' ', '')}_{self._powers[sheet.name]}"
         sheet.symbols.append(_power(net, at, turn, reference, shown=shown))
 
-    def _join(self, sheet: Sheet) -> None:
-        """Add a junction wherever at least three ends of wires or pins meet."""
-        ends = Counter(place for wire in sheet.wires for place in wire)
-        sheet.junctions += [place for place, count in ends.items() if count > 2]
-
-
-def _by_value(parts: list[PlacedFootprint]) -> dict[Index, PlacedFootprint]:
-    """Return parts by their cell, which is their value."""
-    return {(int(a), int(b)): part for part in parts for a, b in [part.value.split(",")]}
-
 
 def _part(
     symbol: symbols.Symbol,
@@ -196,7 +189,7 @@ def _closed(pin: int) -> dict[str, str]:
 
 def _power(net: str, at: Point, turn: int, reference: str, *, shown: bool) -> PlacedSymbol:
     """Return the symbol of ground or a rail, which names its net."""
-    symbol = symbols.GROUND if net == GROUND_NET else symbols.RAIL
+    symbol = symbols.GROUND if net == GROUND else symbols.RAIL
     text = TextPlace(0.0, 3.9 if symbol is symbols.GROUND else -2.5, _SMALL) if shown else None
     return PlacedSymbol(symbol, reference, net, *at, turn, value_at=text)
 
@@ -204,7 +197,7 @@ def _power(net: str, at: Point, turn: int, reference: str, *, shown: bool) -> Pl
 def _draw_terminals(root: Sheet, placement: Placement, left: float) -> None:
     """Draw supply, headers and holes on the root; `left`: place of their left end, in millimetres."""
     y, numbers = 45.72, iter(range(1, 1000))
-    rails = {placement.circuit.high_net, GROUND_NET, *placement.circuit.goal_nets}
+    rails = {placement.circuit.high_net, GROUND, *placement.circuit.goal_nets}
     for placed in placement.headers:
         x = left + 35.56
         symbol = symbols.connector(len(placed.nets))
@@ -222,8 +215,8 @@ def _draw_terminals(root: Sheet, placement: Placement, left: float) -> None:
                 text = TextPlace(-4.6, 0.0, _SMALL)
                 root.symbols.append(
                     PlacedSymbol(
-                        symbols.GROUND if net == GROUND_NET else symbols.RAIL, f"#PWRJ{next(numbers)}", net, *end,
-                        270 if net == GROUND_NET else 90, value_at=text,
+                        symbols.GROUND if net == GROUND else symbols.RAIL, f"#PWRJ{next(numbers)}", net, *end,
+                        270 if net == GROUND else 90, value_at=text,
                     )
                 )  # fmt: skip
             else:
@@ -241,7 +234,7 @@ def _sources(circuit: BoardCircuit) -> Iterator[tuple[str, float]]:
 
 
 def _draw_sources(root: Sheet, circuit: BoardCircuit, left: float) -> None:
-    """Draw the sources of the simulation and the flags of driven nets on the root, in rows of eight."""
+    """Draw the sources of the simulation and the flags of driven nets on the root, in rows of six."""
     y = 213.36
     nets = [*_sources(circuit)]
     root.notes.append(("Supply and closed links, for the simulation only", (left, y - 12.7), 1.8))
@@ -253,15 +246,13 @@ def _draw_sources(root: Sheet, circuit: BoardCircuit, left: float) -> None:
         root.symbols += [
             PlacedSymbol(symbols.SOURCE, f"V{number}", f"{volts:g} V", x, top, 0, "", name, value, model),
             PlacedSymbol(symbols.RAIL, f"#PWRV{number}", net, x, top - 5.08, value_at=TextPlace(0.0, -2.5, _SMALL)),
-            PlacedSymbol(symbols.GROUND, f"#PWRW{number}", GROUND_NET, x, top + 5.08),
+            PlacedSymbol(symbols.GROUND, f"#PWRW{number}", GROUND, x, top + 5.08),
             PlacedSymbol(symbols.FLAG, f"#FLG{number}", "PWR_FLAG", x + 2.54, top - 5.08),
         ]
         root.wires.append(((x, top - 5.08), (x + 2.54, top - 5.08)))
     x = left + 5.08 + 20.32 * min(len(nets), 6)
     root.symbols += [
         PlacedSymbol(symbols.FLAG, "#FLG0", "PWR_FLAG", x, y),
-        PlacedSymbol(symbols.GROUND, "#PWRG", GROUND_NET, x, y + 2.54),
+        PlacedSymbol(symbols.GROUND, "#PWRG", GROUND, x, y + 2.54),
     ]
     root.wires.append(((x, y), (x, y + 2.54)))
-    ends = Counter(place for wire in root.wires for place in wire)
-    root.junctions += [place for place, count in ends.items() if count > 2 and place not in root.junctions]

@@ -165,14 +165,16 @@ def compare_values(record: HardwareRecord, found: Mapping[str, float | None]) ->
 class VoltageComparison:
     """Comparison of node voltages.
 
-    `max_abs_error`: largest difference in volts, None if nothing was compared; `nodes`: number of nets compared;
-    `worst`: net, expected and found voltage of the largest differences; `findings`: messages.
+    `max_abs_error`: largest difference in volts, None if nothing was compared; `max_relative_error`: this difference
+    relative to the supply; `nodes`: number of nets compared; `worst`: net, expected and found voltage of the largest
+    differences; `findings`: messages.
     """
 
-    max_abs_error: float | None
-    nodes: int
-    worst: tuple[tuple[str, float, float], ...]
-    findings: tuple[str, ...]
+    max_abs_error: float | None = None
+    max_relative_error: float | None = None
+    nodes: int = 0
+    worst: tuple[tuple[str, float, float], ...] = ()
+    findings: tuple[str, ...] = ()
 
 
 def compare_voltages(
@@ -183,19 +185,21 @@ def compare_voltages(
     `found`: voltage by net of the record, in volts; `tolerance`: largest accepted difference relative to the supply;
     `tool`: name of the tool that computed `found`, for messages.
     """
-    limit = tolerance * supply_of(record)
+    supply = supply_of(record)
     error = {net: abs(found[net] - volts) for net, volts in record.voltages.items() if net in found}
     order = sorted(error, key=lambda net: (-error[net], natural_order(net)))
     worst = tuple((net, record.voltages[net], found[net]) for net in order[:SHOWN] if error[net] > 0)
     findings = [
         f"{net}: {tool} finds {found[net]!r} V, expected {record.voltages[net]!r} V"
         for net in order[:SHOWN]
-        if not error[net] <= limit
+        if not error[net] <= tolerance * supply
     ]
     absent = sorted((net for net in record.voltages if net not in found), key=natural_order)
     if absent:
         findings.append(f"{tool} has no voltage of {_list(absent)}")
-    return VoltageComparison(max(error.values(), default=None), len(error), worst, tuple(findings))
+    largest = max(error.values(), default=None)
+    relative = None if largest is None else largest / supply
+    return VoltageComparison(largest, relative, len(error), worst, tuple(findings))
 
 
 def supply_of(record: HardwareRecord) -> float:

@@ -14,12 +14,9 @@ from resgrid.circuit.solve import solve
 from resgrid.core.netlist import Netlist
 from resgrid.errors import InputError
 from resgrid.hardware.comparison import Label, Pad, match_nets, pads_of
-from resgrid.hardware.record import HardwareRecord
+from resgrid.hardware.record import GROUND, HardwareRecord
 from resgrid.spice.read.deck import read_spice
 from resgrid.spice.run.ngspice import SimulatorRun, simulate
-
-GROUND = "0"
-"""Net of ground in records and SPICE netlists."""
 
 
 @dataclass(frozen=True)

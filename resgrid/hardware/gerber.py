@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from resgrid._internal.files import read_text
 from resgrid.errors import InputError
 from resgrid.hardware.gerber_apertures import ARC_STEPS, Aperture, aperture, parse_macro
 
@@ -65,8 +66,6 @@ class _State:
 
 def read_gerber(path: Path) -> list[CopperShape]:
     """Return the copper of a Gerber layer; raise InputError for a damaged file or an unsupported command."""
-    from resgrid._internal.files import read_text
-
     return parse_gerber(read_text(path), str(path))
 
 

@@ -23,16 +23,9 @@ from resgrid.hardware.ipc_d356 import NO_NET, TestPoint, read_ipc_d356
 from resgrid.hardware.order_files import compare_order, copper_layer
 from resgrid.hardware.tools import KicadCli
 
-_PROJECT = (".kicad_pcb", ".kicad_sch", ".kicad_pro", ".kicad_dru", ".kicad_sym", ".pretty")
+_PROJECT = (".kicad_pcb", ".kicad_sch", ".kicad_pro", ".kicad_dru", ".kicad_sym")
 _TABLES = ("fp-lib-table", "sym-lib-table")
-_DRC, _ERC, _TEST, _PLACES, _SPICE, _GERBERS = (
-    "drc.json",
-    "erc.json",
-    "board.d356",
-    "places.csv",
-    "board.cir",
-    "gerbers",
-)
+_DRC, _ERC, _TEST, _PLACES, _SPICE = "drc.json", "erc.json", "board.d356", "places.csv", "board.cir"
 _ORIGIN = re.compile(r"\(aux_axis_origin\s+(\S+)\s+([^\s)]+)\s*\)")
 _RUNS = 2
 """Number of kicad-cli processes at the same time; each needs about 200 MB."""
@@ -71,7 +64,7 @@ def report_board(kicad: KicadCli, board: Path, folder: Path, timeout: float) -> 
     """
     copy = _copy_project(board, folder)
     schematic = copy.with_suffix(".kicad_sch")
-    gerbers = folder / _GERBERS
+    gerbers = folder / "gerbers"
     gerbers.mkdir()
     parity = ["--schematic-parity"] if schematic.exists() else []
     runs: list[list[str | Path]] = [

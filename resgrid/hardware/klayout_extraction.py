@@ -22,7 +22,10 @@ def main(file: str, job_file: str) -> None:
     with open(job_file, encoding="utf-8") as stream:  # noqa: PTH123 - the script needs no other import
         job = json.load(stream)
     layout = kdb.Layout()
-    layout.read(file)
+    try:
+        layout.read(file)
+    except RuntimeError as error:
+        raise SystemExit(f"{error}; write the layout again") from None
     tops = layout.top_cells()
     if len(tops) != 1:
         raise SystemExit(f"{len(tops)} top cells instead of one")
@@ -86,11 +89,11 @@ def resistor(extraction: Any, device: Any) -> list[Any]:
     unit = extraction.internal_layout().dbu
     place = device.trans.disp
     nets = [device.net_for_terminal(number) for number in range(2)]
-    values = [round(device.parameter(name)) for name in ("A", "W", "P", "L")]
+    values = [round(device.parameter(name)) for name in ("A", "W", "P")]
     return [
         round(place.x / unit),
         round(place.y / unit),
-        *values[:3],
+        *values,
         *(net.cluster_id if net else None for net in nets),
     ]
 

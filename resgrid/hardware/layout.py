@@ -66,10 +66,6 @@ class Layout:
         Measures of rails and pads.
     cells : tuple of DrawnCell
         Cells of the drawing, the top cell last.
-    labelled : bool
-        Whether every node has a label.
-    warnings : tuple of str
-        Problems of the layout that do not prevent its use, such as large voltage drops along rails.
 
     Examples
     --------
@@ -89,8 +85,6 @@ class Layout:
     nominal: NDArray[np.float64]
     rails: RailPlan
     cells: tuple[DrawnCell, ...]
-    labelled: bool
-    warnings: tuple[str, ...]
 
     def __repr__(self) -> str:
         width, height = self.size
@@ -120,6 +114,11 @@ class Layout:
     def drops(self) -> dict[str, float]:
         """Largest voltage drop along the rail of each net, in volts."""
         return rail_drops(self.rules, self.array, self.tile, self.rails, self.op)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Problems of the layout that do not prevent its use: large voltage drops along rails, and thin trunks."""
+        return tuple(_warnings(self.rails, self.op, self.drops))
 
     def summary(self) -> dict[str, Any]:
         """Return measures of the layout by name, for reports; lengths in metres, areas in square metres.
@@ -231,11 +230,7 @@ def build_layout(
     rails = plan_rails(rules, array, tile, rail_currents(op), abs(wiring.supply))
     labelled = space.cell.size <= MOST_LABELS if labels is None else labels
     cells = _draw(rules, head, tile, shapes, array, rails, labelled)
-    drops = rail_drops(rules, array, tile, rails, op)
-    return Layout(
-        process, rules, op, array, tile, tuple(shapes), value, ohms, rails, tuple(cells), labelled,
-        tuple(_warnings(rails, op, drops)),
-    )  # fmt: skip
+    return Layout(process, rules, op, array, tile, tuple(shapes), value, ohms, rails, tuple(cells))
 
 
 def _drawable_wiring(space: ConfigurationSpace, wiring: Wiring) -> Wiring:

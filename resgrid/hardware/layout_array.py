@@ -35,19 +35,6 @@ class TileArray:
     nets: tuple[str, ...]
 
 
-def resistor_faces(netlist: Netlist) -> NDArray[np.int64]:
-    """Return axis and index of the face that every resistor crosses, shape (resistors, 3).
-
-    Face ``i`` along its axis is the lower face of cell ``i``.  The space has two axes.
-    """
-    shape = netlist.cells.space.shape
-    face = netlist.cells.resistor_face.astype(np.int64)
-    first = (shape[0] + 1) * shape[1]
-    axis = (face >= first).astype(np.int64)
-    i, j = np.divmod(face - first * axis, np.where(axis, shape[1] + 1, shape[1]))
-    return np.stack((axis, i, j), axis=1)
-
-
 def tile_array(netlist: Netlist, value: NDArray[np.int64]) -> TileArray:
     """Return the contents of the tiles of a compiled space.
 

@@ -8,6 +8,7 @@ import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
+from resgrid._internal.files import read_bytes
 from resgrid.errors import CircuitError, InputError, ToolMissingError
 from resgrid.hardware.comparison import (
     VoltageComparison,
@@ -16,7 +17,6 @@ from resgrid.hardware.comparison import (
     compare_voltages,
     match_nets,
     pads_of,
-    supply_of,
 )
 from resgrid.hardware.extracted_circuit import solve_extracted
 from resgrid.hardware.hardware_check import HardwareCheck
@@ -68,7 +68,9 @@ def check_layout(
     >>> rg.hardware.check_layout(file).agrees
     True
     """
-    path, record = Path(file), read_record(file)
+    path = Path(file)
+    read_bytes(path, first=0, piped=False)  # raises InputError if the layout is absent
+    record = read_record(path)
     if record.kind != "layout" or record.process is None:
         state = "names no process" if record.kind == "layout" else "describes a board"
         raise InputError(f"{file}: its record {state}; write the layout again with 'resgrid layout'")
@@ -86,12 +88,11 @@ def check_layout(
     voltages = _compare_voltages(record, extraction, tolerance)
     findings = [_located(message, extraction) for message in [*findings, *voltages.findings]]
     findings += [*extraction.messages, *extraction.violations]
-    largest = voltages.max_abs_error
     return HardwareCheck(
         verified=True,
         findings=tuple(findings),
-        max_abs_error=largest,
-        max_relative_error=None if largest is None else largest / supply_of(record),
+        max_abs_error=voltages.max_abs_error,
+        max_relative_error=voltages.max_relative_error,
         nodes=voltages.nodes,
         parts=len(record.parts),
         tools={"klayout": tool.version},
@@ -118,7 +119,7 @@ def _compare_voltages(record: HardwareRecord, extraction: Extraction, tolerance:
     try:
         found = solve_extracted(record, extraction.nets, extraction.ohms)
     except (CircuitError, InputError):
-        return VoltageComparison(None, 0, (), ())
+        return VoltageComparison()
     return compare_voltages(record, found, tolerance, "the extracted circuit")
 
 

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.circuit.operating_point import OperatingPoint
-from resgrid.hardware.layout_array import ORIGIN, TileArray, resistor_faces
+from resgrid.core.regions import crossed_faces
+from resgrid.hardware.layout_array import ORIGIN, TileArray
 from resgrid.hardware.layout_rails import RailPlan
 from resgrid.hardware.layout_rules import LayoutRules
 from resgrid.hardware.layout_tiles import TileGeometry
@@ -44,12 +45,12 @@ def _taps(op: OperatingPoint, array: TileArray) -> NDArray[np.float64]:
     """
     netlist = op.netlist
     taps, amps = np.zeros(array.node.shape), np.abs(op.resistor_current)
-    axis, *place = resistor_faces(netlist).T
+    axis, place = crossed_faces(netlist.cells.resistor_face, netlist.cells.space.shape)
     for end in range(2):
         chosen = netlist.resistor_nodes[:, end] == netlist.cells.obstacle_node
         # The lower side of a face is the first node of a resistor that points upwards.
         lower = netlist.cells.resistor_upward == (end == 0)
-        tile = [(index - (lower & (axis == along)))[chosen] - ORIGIN[along] for along, index in enumerate(place)]
+        tile = [(index - (lower & (axis == along)))[chosen] - ORIGIN[along] for along, index in enumerate(place.T)]
         np.add.at(taps, tuple(tile), amps[chosen])
     return taps
 

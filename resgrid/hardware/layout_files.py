@@ -13,12 +13,12 @@ from typing import Any
 from resgrid._internal.extras import install_command
 from resgrid._internal.files import atomic_path
 from resgrid.core.netlist import Netlist
+from resgrid.core.regions import crossed_faces
 from resgrid.errors import InputError, ToolMissingError
 from resgrid.hardware.layout import TOP, Layout, circuit_hash
-from resgrid.hardware.layout_array import resistor_faces
 from resgrid.hardware.layout_rails import pad_name
 from resgrid.hardware.layout_rules import DrawnCell
-from resgrid.hardware.record import HardwareRecord, Part, Supply, record_path, write_record
+from resgrid.hardware.record import GROUND, HardwareRecord, Part, Supply, record_path, write_record
 
 SUFFIXES = (".gds", ".oas")
 """Suffixes of layout files: GDSII and OASIS."""
@@ -28,7 +28,6 @@ DATE = datetime(2000, 1, 1)
 
 COMPRESSION = 9
 """Compression level of an OASIS file."""
-
 
 MOST_RECORDED = 65_536
 """Largest number of cells of a grid whose layout gets a record by default."""
@@ -142,7 +141,7 @@ def record_of(layout: Layout, name: str) -> HardwareRecord:
         scene_hash=circuit_hash(netlist),
         process=layout.process,
         parts=parts,
-        sources=tuple(Supply(net, net, "0", volts[net]) for net in pads if net in touched),
+        sources=tuple(Supply(net, net, GROUND, volts[net]) for net in pads if net in touched),
         voltages={net: volts[net] for net in nets if net in touched},
         nodes={
             net: divmod(cell, columns) for net, cell in zip(nets, cell_of, strict=True) if cell >= 0 and net in touched
@@ -152,7 +151,8 @@ def record_of(layout: Layout, name: str) -> HardwareRecord:
 
 def part_names(netlist: Netlist) -> list[str]:
     """Return the name of every resistor by its face: ``RX_3_4`` between the cells (2, 4) and (3, 4)."""
-    return [f"R{'XY'[axis]}_{i}_{j}" for axis, i, j in resistor_faces(netlist).tolist()]
+    axes, faces = crossed_faces(netlist.cells.resistor_face, netlist.cells.space.shape)
+    return [f"R{'XY'[axis]}_{i}_{j}" for axis, (i, j) in zip(axes.tolist(), faces.tolist(), strict=True)]
 
 
 def _pad_parts(layout: Layout) -> Iterator[Part]:

@@ -18,6 +18,9 @@ MOST_ROWS = 61
 LONGEST = 1e7
 """Longest body of a resistor, in nanometres."""
 
+WIDEST = 10_000_000
+"""Largest width of the body of a resistor, in nanometres."""
+
 
 @dataclass(frozen=True)
 class Serpentine:
@@ -95,22 +98,13 @@ def body_width(rules: LayoutRules, resistances: Sequence[float], width: float | 
                 f"width = {width:g} m is below {least * 1e-9:.3g} m, the smallest width of a resistor in "
                 f"{rules.process}; choose a larger width"
             )
+        if drawn > WIDEST:
+            raise InputError(
+                f"width = {width:g} m exceeds {WIDEST * 1e-9:g} m, the largest width of a resistor; choose a smaller "
+                "width"
+            )
         return drawn
-    drawn = least
-    if matching is not None:
-        if rules.resistor.mismatch is None:
-            raise InputError(f"{rules.process} states no mismatch of resistors; give the width instead of matching")
-        if not 0 < matching < 1:
-            raise InputError(f"matching = {matching:g} must be a fraction between 0 and 1, such as 0.01 for 1 %")
-        for _ in range(60):  # the length is almost proportional to the width
-            length = rules.length(min(resistances), drawn, 0)
-            if length <= 0:
-                break
-            coefficient = rules.resistor.pelgrom(drawn * 1e-3, length * 1e-3) or 0.0
-            area = (coefficient * 10.0 / matching) ** 2
-            if drawn * length >= area:
-                break
-            drawn = rules.even(max(drawn + 2 * rules.grid, drawn * (area / (drawn * length)) ** 0.5))
+    drawn = least if matching is None else _matched_width(rules, min(resistances), matching)
     for _ in range(60):
         length = rules.length(min(resistances), drawn, 0)
         if length <= 0 or length >= rules.body_length:
@@ -119,8 +113,35 @@ def body_width(rules: LayoutRules, resistances: Sequence[float], width: float | 
     return drawn
 
 
+def _matched_width(rules: LayoutRules, resistance: float, matching: float) -> int:
+    """Return the width in nanometres at which a resistor has a standard deviation of its relative resistance.
+
+    `resistance`: resistance in ohms; `matching`: the standard deviation.
+    """
+    if rules.resistor.mismatch is None:
+        raise InputError(f"{rules.process} states no mismatch of resistors; give the width instead of matching")
+    if not 0 < matching < 1:
+        raise InputError(f"matching = {matching:g} must be a fraction between 0 and 1, such as 0.01 for 1 %")
+    drawn = rules.even(rules.width)
+    for _ in range(60):  # the length is almost proportional to the width
+        length = rules.length(resistance, drawn, 0)
+        if length <= 0:
+            break
+        coefficient = rules.resistor.pelgrom(drawn * 1e-3, length * 1e-3) or 0.0
+        side = coefficient * 10.0 / matching  # of a square with the area of the body
+        if side > WIDEST:
+            raise InputError(
+                f"matching = {matching:g} needs a resistor of {side * 1e-9:.3g} x {side * 1e-9:.3g} m, and a body is "
+                f"at most {WIDEST * 1e-9:g} m wide; choose a larger matching"
+            )
+        if drawn * length >= side**2:
+            break
+        drawn = rules.even(max(drawn + 2 * rules.grid, side * (drawn / length) ** 0.5))
+    return drawn
+
+
 def serpentine(rules: LayoutRules, head: Head, width: int, resistance: float, rows: int) -> Serpentine | None:
-    """Return the resistor of a number of rows whose resistance is nearest, or None if so many rows do not fit.
+    """Return the resistor of a number of rows whose resistance is nearest, or None if the rows do not fit.
 
     `width`: width of the body in nanometres; `resistance`: wanted resistance in ohms; `rows`: odd number of rows.
     """

@@ -8,7 +8,8 @@ from functools import cached_property
 import numpy as np
 
 from resgrid.errors import InputError
-from resgrid.hardware.board_circuit import GROUND_NET, BoardCircuit, Kind
+from resgrid.hardware.board_circuit import BoardCircuit, Kind
+from resgrid.hardware.e_series import resistance_text
 from resgrid.hardware.kicad.footprints import (
     HOLE,
     PIN_SPACING,
@@ -20,6 +21,7 @@ from resgrid.hardware.kicad.footprints import (
     PlacedFootprint,
     pin_header,
 )
+from resgrid.hardware.record import GROUND
 
 Point = tuple[float, float]
 Index = tuple[int, int]
@@ -127,8 +129,6 @@ class Placement:
     @property
     def resistors(self) -> list[PlacedFootprint]:
         """All resistors, with their references next to them on the silkscreen."""
-        from resgrid.hardware.e_series import resistance_text
-
         placed = []
         size = label_size(max(len(part.reference) for part in self.circuit.resistors))
         for part in self.circuit.resistors:
@@ -254,11 +254,11 @@ class Placement:
         left, _, right, bottom = self.ring
         high, goals = self.circuit.high_net, self.linked_goals
         parts: list[tuple[Footprint, str, float, float, tuple[str, ...], int]] = []
-        parts.append((TERMINAL, "SUPPLY", left + 4.2, bottom + 6.5, (high, GROUND_NET), 0))
-        parts.append((pin_header(3), "REFERENCE", left + 12.0, bottom + 4.4, (high, GROUND_NET, GROUND_NET), 0))
+        parts.append((TERMINAL, "SUPPLY", left + 4.2, bottom + 6.5, (high, GROUND), 0))
+        parts.append((pin_header(3), "REFERENCE", left + 12.0, bottom + 4.4, (high, GROUND, GROUND), 0))
         for number, net in enumerate(goals):
             x = right - 2.5 - _LINK_SPACING * (len(goals) - 1 - number)
-            parts.append((pin_header(2), f"LINK {net}", x, bottom + 5.0 + PIN_SPACING, (GROUND_NET, net), 180))
+            parts.append((pin_header(2), f"LINK {net}", x, bottom + 5.0 + PIN_SPACING, (GROUND, net), 180))
         for group in self.channels:
             row = group[0].cell[1]
             pins = tuple(channel.net for channel in group)
@@ -289,6 +289,12 @@ class Placement:
     def parts(self) -> list[PlacedFootprint]:
         """All parts of the board."""
         return [*self.resistors, *self.jumpers, *self.test_pads, *self.headers, *self.holes]
+
+
+def cell_of(placed: PlacedFootprint) -> Index:
+    """Return the cell of a test pad or solder jumper, which is its value as text: ``"3,4"``."""
+    i, j = map(int, placed.value.split(","))
+    return i, j
 
 
 def label_size(characters: int) -> Point:

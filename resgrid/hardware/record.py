@@ -25,6 +25,9 @@ SCHEMA = 1
 SUFFIX = ".record.json"
 """Suffix of a record's file name, which replaces the suffix of the board or layout."""
 
+GROUND = "0"
+"""Net of ground in records, boards and SPICE netlists."""
+
 PartType = Literal["resistor", "jumper", "connector", "test_pad", "hole"]
 """Types of parts in a record."""
 
@@ -274,8 +277,8 @@ def _contradictions(record: HardwareRecord) -> Iterator[str]:
     known = {net for part in record.parts for net in part.nets}
     for source in record.sources:
         for net in (source.positive, source.negative):
-            if net not in known and net != "0":
+            if net not in known and net != GROUND:
                 yield f"source {source.name} is on net {net}, which no part touches"
     for net in record.voltages:
-        if net not in known and net != "0":
+        if net not in known and net != GROUND:
             yield f"net {net} has a voltage, and no part touches the net"

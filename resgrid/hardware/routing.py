@@ -9,10 +9,10 @@ from itertools import pairwise
 import numpy as np
 
 from resgrid.core.cell import Cell
-from resgrid.hardware.board_circuit import GROUND_NET
 from resgrid.hardware.kicad.footprints import PlacedFootprint
 from resgrid.hardware.kicad.pcb import Track, Via
 from resgrid.hardware.placement import LANE, Placement, Point, rounded
+from resgrid.hardware.record import GROUND
 
 _RAIL, _THIN, _WIDE = 0.8, 0.2, 0.3
 """Widths of the tracks of rails, of a converter's channels, and of goal regions, in millimetres."""
@@ -171,11 +171,11 @@ def _ground(placement: Placement) -> Iterator[Track]:
     line = placement.ring[3] + 10.6
     pins: list[Point] = []
     for placed in placement.headers:
-        pins += [_place(placed, at) for at, net in enumerate(placed.nets) if net == GROUND_NET]
+        pins += [_place(placed, at) for at, net in enumerate(placed.nets) if net == GROUND]
     for x, y in pins:
-        yield from _path([(x, y), (x, line)], GROUND_NET, "F.Cu", _RAIL)
+        yield from _path([(x, y), (x, line)], GROUND, "F.Cu", _RAIL)
     across = sorted(x for x, _ in pins)
-    yield from _path([(x, line) for x in across], GROUND_NET, "F.Cu", _RAIL)
+    yield from _path([(x, line) for x in across], GROUND, "F.Cu", _RAIL)
 
 
 def _place(placed: PlacedFootprint, at: int) -> Point:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from math import cos, pi, sin
+from textwrap import wrap
 
 import numpy as np
 from shapely import LineString, MultiLineString, Point, box, union_all
@@ -63,7 +64,7 @@ def draw_silkscreen(placement: Placement, legend: Legend, starts: Iterable[Index
 
 
 def _title(placement: Placement, legend: Legend) -> Iterator[Text]:
-    """Yield the title of the front, as far as it fits between the holes."""
+    """Yield the title of the front, shortened to the width between the holes."""
     (x0, y0), (x1, _) = placement.origin, placement.corner
     width = x1 - x0 - 16.5
     size = max(1.0, min(1.6, width / (0.95 * max(1, len(legend[0])))))
@@ -167,8 +168,6 @@ def _back(placement: Placement, legend: Legend) -> Iterator[Text]:
 
 def _wrapped(lines: Iterable[str], most: int) -> list[str]:
     """Return lines of at most `most` characters, divided at spaces."""
-    from textwrap import wrap
-
     return [part for line in lines for part in wrap(line, max(most, 12))]
 
 

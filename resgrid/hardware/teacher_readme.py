@@ -84,7 +84,7 @@ A robot finds its way in this circuit: every cell of the map is a point of a gri
 robot that always steps to the neighbour with the lowest voltage arrives at the goal (Tarassenko & Blake 1991). {about}
 
 - size: {width:.1f} x {height:.1f} mm, two layers. {price}
-- cells: {board.summary}
+- cells: {board.subtitle}
 - supply: {wiring.supply:g} V, {formatted(board.supply_current, "A")}, {formatted(board.power, "W")}
 - largest deviation of a resistor (E96 series) from its exact value: {100 * board.largest_deviation:.2g} %"""
 

@@ -46,7 +46,7 @@ def _draw_side(board: Board, ax: Axes, side: str) -> Axes:
     ax.set_ylim(y1 + 1, y0 - 1)
     ax.set_aspect("equal")
     ax.set_axis_off()
-    points = _points_per_millimetre(ax)
+    points = _points_per_unit(ax)
     shape = FancyBboxPatch(
         (x0 + 3, y0 + 3), x1 - x0 - 6, y1 - y0 - 6, boxstyle="round,pad=3", facecolor=_MASK, edgecolor="none"
     )
@@ -93,8 +93,8 @@ def _draw_pads(placed: PlacedFootprint, ax: Axes, side: str) -> None:
             ax.add_patch(Circle((x, y), pad.drill / 2, facecolor="white", edgecolor="none", zorder=6))
 
 
-def _points_per_millimetre(ax: Axes) -> float:
-    """Return the number of points per millimetre of the board."""
+def _points_per_unit(ax: Axes) -> float:
+    """Return the number of points per unit of the axes, which is a millimetre of the board or a cell of the plan."""
     figure = ax.get_figure(root=True)
     assert figure is not None
     width, height = figure.get_size_inches() * (ax.get_position().width, ax.get_position().height)
@@ -109,7 +109,7 @@ def _draw_plan(board: Board, ax: Axes) -> Axes:
     ax.set_xlim(-1.0, columns)
     ax.set_ylim(-1.0, rows)
     ax.set_aspect("equal")
-    points = _points_per_cell(ax, columns, rows)
+    points = _points_per_unit(ax)
     for i in range(columns):
         for j in range(rows):
             _draw_cell(board, ax, (i, j), Cell(int(cell[i, j])), points)
@@ -127,14 +127,6 @@ def _draw_plan(board: Board, ax: Axes) -> Axes:
     ax.tick_params(length=0, top=False, labelsize=min(SMALL, max(3.0, 0.45 * points)))
     ax.set_title(_title(board), fontsize=TEXT)
     return ax
-
-
-def _points_per_cell(ax: Axes, columns: int, rows: int) -> float:
-    """Return the approximate width of a cell in the picture, in points."""
-    figure = ax.get_figure(root=True)
-    assert figure is not None
-    width, height = figure.get_size_inches() * (ax.get_position().width, ax.get_position().height)
-    return float(72 * min(width / (columns + 1), height / (rows + 1)))
 
 
 def _draw_cell(board: Board, ax: Axes, at: tuple[int, int], kind: Cell, points: float) -> None:

@@ -91,7 +91,6 @@ def _tile_window(layout: Layout) -> Window:
     """Return the window of the tile that shows most: next to a goal, in micrometres."""
     tile, array = layout.tile, layout.array
     both = (array.along_x >= 0) & (array.along_y >= 0) & (array.region < 0) & ~array.obstacle
-    both[1:-1, 1:-1] &= True
     places = np.argwhere(both) if both.any() else np.argwhere(array.node)
     goal = np.argwhere(array.region >= 0)[0]
     i, j = (places[np.argmin(np.abs(places - goal).sum(axis=1))] - 1).tolist()

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.board_mutations import MUTATIONS, Place, Project, drill_through_a_track, located
+from hardware.board_mutations import MUTATIONS, Place, Project, drill_through_a_track, located
 from support.cli import call
 
 import resgrid as rg

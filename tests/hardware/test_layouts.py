@@ -180,6 +180,8 @@ def test_large_drops_of_rails_give_a_warning() -> None:
         (rg.ConfigurationSpace.from_array([[2, 0], [0, 1]]), {"width": 1e-7}, "smallest width"),
         (rg.ConfigurationSpace.from_array([[2, 0], [0, 1]]), {"width": 1e-6, "matching": 0.01}, "one of them"),
         (rg.ConfigurationSpace.from_array([[2, 0], [0, 1]]), {"matching": 2.0}, "between 0 and 1"),
+        (rg.ConfigurationSpace.from_array([[2, 0], [0, 1]]), {"width": 1e3}, "exceeds 0.01 m"),
+        (rg.ConfigurationSpace.from_array([[2, 0], [0, 1]]), {"matching": 1e-300}, "choose a larger matching"),
     ],
 )
 def test_arrays_that_cannot_be_drawn_are_rejected_with_a_remedy(
@@ -195,6 +197,17 @@ def test_unknown_processes_and_suffixes_are_rejected(tmp_path: Path) -> None:
         rg.hardware.build_layout(space, "ihp-sg13g2:rpd")
     with pytest.raises(rg.InputError, match=r"\.gds"):
         require_suffix(tmp_path / "chip.png")
+
+
+def test_absent_and_damaged_layouts_give_one_message(good: tuple[Path, rg.hardware.Layout], tmp_path: Path) -> None:
+    file = tmp_path / "chip.gds"
+    shutil.copy(good[0].with_suffix(".record.json"), tmp_path / "chip.record.json")
+    with pytest.raises(rg.InputError, match=r"chip\.gds: there is no such file"):
+        rg.hardware.check_layout(file)
+    file.write_text("junk")
+    with pytest.raises(rg.InputError, match=r"unknown format.*; write the layout again") as caught:
+        rg.hardware.check_layout(file)
+    assert "Traceback" not in str(caught.value)
 
 
 def test_without_gdstk_the_install_command_is_printed(

@@ -192,16 +192,15 @@ def _properties(reference: str, value: str, key: str, placed: PlacedFootprint | 
     ]  # fmt: skip
 
 
-def _effects(size: Sequence[float], thickness: float = 0.12) -> Node:
+def _effects(size: Sequence[float]) -> Node:
     """Return the S-expression of a font; `size`: width and height of letters, in millimetres."""
-    return ["effects", ["font", ["size", size[1], size[0]], ["thickness", thickness]]]
+    return ["effects", ["font", ["size", size[1], size[0]], ["thickness", 0.12]]]
 
 
 def _contents(footprint: Footprint, key: str, nets: Mapping[str, tuple[int, str]], turn: int = 0) -> list[Node]:
     """Return attributes, lines and pads; `key`: name for identifiers; `nets`: number and name of each pad's net."""
     parts: list[Node] = [["attr", *map(Word, footprint.attributes)]] if footprint.attributes else []
-    for number, (x0, y0, x1, y1) in enumerate(footprint.silk):
-        parts.append(_line((x0, y0), (x1, y1), "F.SilkS", 0.12, ("silk", key, number)))
+    parts += [_line(line, key, number) for number, line in enumerate(footprint.silk)]
     if footprint.courtyard is not None:
         x0, y0, x1, y1 = footprint.courtyard
         stroke: Node = ["stroke", ["width", 0.05], ["type", Word("solid")]]
@@ -212,13 +211,12 @@ def _contents(footprint: Footprint, key: str, nets: Mapping[str, tuple[int, str]
     return parts + [_pad(pad, key, nets.get(pad.number), turn) for pad in footprint.pads]
 
 
-def _line(
-    start: tuple[float, float], stop: tuple[float, float], layer: str, width: float, key: tuple[object, ...]
-) -> Node:
-    """Return a line of a footprint; `key`: names of its identifier."""
+def _line(line: tuple[float, float, float, float], key: str, number: int) -> Node:
+    """Return a line of a footprint on the silkscreen; `key`, `number`: name and number for its identifier."""
+    x0, y0, x1, y1 = line
     return [
-        "fp_line", ["start", *start], ["end", *stop], ["stroke", ["width", width], ["type", Word("solid")]],
-        ["layer", layer], uuid_of(*key),
+        "fp_line", ["start", x0, y0], ["end", x1, y1], ["stroke", ["width", 0.12], ["type", Word("solid")]],
+        ["layer", "F.SilkS"], uuid_of("silk", key, number),
     ]  # fmt: skip
 
 

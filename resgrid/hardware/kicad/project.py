@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from resgrid.hardware.kicad.footprints import LIBRARY
-from resgrid.hardware.kicad.sexpr import Node, format_tree, identity
+from resgrid.hardware.kicad.sexpr import Node, format_tree
 
 RULES = {
     "min_clearance": 0.15,
@@ -104,8 +104,3 @@ def _table(keyword: str, file: str, about: str) -> Node:
         "lib", ["name", LIBRARY], ["type", "KiCad"], ["uri", "${KIPRJMOD}/" + file], ["options", ""], ["descr", about],
     ]  # fmt: skip
     return [keyword, ["version", 7], library]
-
-
-def sheet_identity(name: str) -> str:
-    """Return the identifier of a sheet of the schematic; `name`: its name, empty for the root."""
-    return identity("sheet", name)

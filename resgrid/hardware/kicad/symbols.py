@@ -88,13 +88,13 @@ FLAG = Symbol(
 )  # fmt: skip
 
 
-def connector(pins: int, prefix: str = "J") -> Symbol:
+def connector(pins: int) -> Symbol:
     """Return the symbol of a connector with pins in one column; pin 1 is at the top, at the origin."""
     end = -2.54 * (pins - 1)
     marks = tuple(_box(-1.27, -2.54 * k - 0.254, 0.254, -2.54 * k + 0.254) for k in range(pins))
     return Symbol(
         f"Conn_1x{pins:02d}",
-        prefix,
+        "J",
         tuple(Pin(str(k + 1), -5.08, -2.54 * k, 0, 3.81) for k in range(pins)),
         (_box(-1.27, end - 1.27, 1.27, 1.27), *marks),
         simulated=False,

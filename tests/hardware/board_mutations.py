@@ -16,7 +16,7 @@ from shapely import LineString, MultiLineString, Point, Polygon, union_all
 
 Tree = list[Any]
 Place = tuple[str, ...]
-"""Words of which each must stand in one and the same finding."""
+"""Words that one finding must contain."""
 
 _TOKEN = re.compile(r'"(?:[^"\\]|\\.)*"|[()]|[^\s()"]+')
 
@@ -142,18 +142,10 @@ def turn(part: Tree, degrees: int) -> None:
         at[3:] = [str((int(float(at[3])) if len(at) > 3 else 0) + degrees)]
 
 
-def add_track(project: Project, net: Tree, points: list[tuple[float, float]], layer: str = '"F.Cu"') -> None:
+def add_track(project: Project, net: Tree, points: list[tuple[float, float]]) -> None:
     for start, end in pairwise(points):
-        project.board.append(
-            [
-                "segment",
-                ["start", *map(str, start)],
-                ["end", *map(str, end)],
-                ["width", "0.25"],
-                ["layer", layer],
-                net[:2],
-            ]
-        )
+        ends = ["start", *map(str, start)], ["end", *map(str, end)]
+        project.board.append(["segment", *ends, ["width", "0.25"], ["layer", '"F.Cu"'], net[:2]])
 
 
 def swap_two_tracks(project: Project) -> list[Place]:
@@ -300,16 +292,8 @@ def drill_through_a_track(project: Project) -> list[Place]:
     """Add a hole without copper in the middle of a track."""
     track = project.draw.choice(project.tracks())
     middle = [(a + b) / 2 for a, b in zip(numbers(sub(track, "start")), numbers(sub(track, "end")), strict=True)]
-    hole = [
-        "pad",
-        '""',
-        "np_thru_hole",
-        "circle",
-        ["at", "0", "0"],
-        ["size", "0.8", "0.8"],
-        ["drill", "0.8"],
-        ["layers", '"*.Cu"', '"*.Mask"'],
-    ]
+    hole = ["pad", '""', "np_thru_hole", "circle", ["at", "0", "0"], ["size", "0.8", "0.8"], ["drill", "0.8"],
+            ["layers", '"*.Cu"', '"*.Mask"']]  # fmt: skip
     texts = [
         ["property", f'"{name}"', f'"{text}"', ["at", "0", "0"], ["layer", '"F.Fab"']]
         for name, text in (("Reference", "X1"), ("Value", "hole"))
@@ -339,7 +323,7 @@ def leave_out_the_plating(project: Project) -> list[Place]:
 
 
 def cut_the_plane(project: Project) -> list[Place]:
-    """Cut the plane of the rail all around a via that it alone connects."""
+    """Cut the plane of the rail around a via that only the plane connects."""
     zones = [zone for zone in subs(project.board, "zone") if any(subs(zone, "filled_polygon"))]
     zone = max(zones, key=lambda zone: sum(len(sub(area, "pts")) for area in subs(zone, "filled_polygon")))
     areas = list(subs(zone, "filled_polygon"))
@@ -395,7 +379,7 @@ MUTATIONS: tuple[Callable[[Project], list[Place]], ...] = (
 
 
 def located(findings: tuple[str, ...], places: list[Place]) -> bool:
-    """Whether each place is named by a finding that contains all of its words."""
+    """Whether for each place, a finding contains all of its words."""
     return all(any(all(_holds(finding, word) for word in place) for finding in findings) for place in places)
 
 
