@@ -13,11 +13,11 @@ The current of a cell is the larger of the currents into its node and out of it.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from concurrent.futures import Executor
 from contextlib import closing
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -30,13 +30,14 @@ from resgrid.circuit.effective_resistance import effective_resistance
 from resgrid.circuit.network_reduction import Count
 from resgrid.core.netlist import Netlist
 from resgrid.errors import InputError
+from resgrid.spice.networks.ascii_grids import Raster
 from resgrid.spice.networks.circuitscape_files import OutputFiles, output_files
 from resgrid.spice.networks.configurations import CONNECTIVITY, Configuration, read_configuration
 from resgrid.spice.networks.edges import read_edges
 from resgrid.spice.networks.focal_points import FocalPoints, allowed_pairs, numbers_of, read_points, strengths_of
 from resgrid.spice.networks.measurements import UNCONNECTED, Flow, Measurement, solve_measurement
 from resgrid.spice.networks.raster_networks import conductance_and_polygons, links_between, number_cells
-from resgrid.spice.networks.rasters import Raster, read_grid
+from resgrid.spice.networks.rasters import read_raster
 
 _REFUSED = ("use_reclass_table", "compress_grids", "set_focal_node_currents_to_zero", "write_as_tif")
 """Keys of Circuitscape that are rejected by name if they are true."""
@@ -59,8 +60,8 @@ class ConnectivityResult:
         Effective resistances in ohms; -1 for pairs (in one-to-all mode, points) that are not connected or were left
         out.  In all-to-one mode the entries are 0, as in Circuitscape.
     cumulative_current : ndarray of float64, or None
-        Sum of the currents of all solutions in amperes, shape (rows, columns) or (nodes,); None if no current map was
-        requested.
+        Sum of the currents of all solutions in amperes, shape (rows, columns) or (nodes,); None if the configuration
+        requests no maps.
     maximum_current : ndarray of float64, or None
         Largest current of all solutions, in the shape of `cumulative_current`.
     files : tuple of pathlib.Path
@@ -104,19 +105,27 @@ class _Landscape:
     polygon: NDArray[np.float64]
     points: FocalPoints
 
-    def circuit(self, regions: tuple[int, ...]) -> tuple[Netlist, NDArray[np.int64]]:
+    def circuit(self, numbers: Iterable[int]) -> tuple[Netlist, NDArray[np.int64]]:
         """Return the circuit in which polygons and some focal regions are single nodes, and the node of every cell.
 
-        `regions`: indices of the focal points that are joined.  A region and the polygons that it overlaps are one
+        `numbers`: indices of the focal points that are joined.  A region and the polygons that it overlaps are one
         node.
         """
+        regions = [self.points.cells[number] for number in numbers if len(self.points.cells[number]) > 1]
+        return self._joined(regions) if regions else self._without_regions
+
+    @cached_property
+    def _without_regions(self) -> tuple[Netlist, NDArray[np.int64]]:
+        """Circuit in which only polygons are single nodes, and the node of every cell."""
+        return self._joined([])
+
+    def _joined(self, regions: list[NDArray[np.int64]]) -> tuple[Netlist, NDArray[np.int64]]:
+        """Return the circuit in which polygons and `regions` (flat cell indices) are single nodes, and the node map."""
         labels = self.polygon.ravel().copy()
-        for number in regions:
-            cells = self.points.cells[number]
-            if len(cells) > 1:
-                label, touched = labels.max() + 1.0, np.unique(labels[cells])
-                labels[np.isin(labels, touched[touched != 0])] = label
-                labels[cells] = label
+        for cells in regions:
+            label, touched = labels.max() + 1.0, np.unique(labels[cells])
+            labels[np.isin(labels, touched[touched != 0])] = label
+            labels[cells] = label
         node, names = number_cells(self.conductance, labels.reshape(self.polygon.shape))
         edges, siemens = links_between(
             self.conductance,
@@ -212,12 +221,12 @@ def _run_raster(
     job: Configuration, output: str | os.PathLike[str] | None, executor: Executor | None, progress: Count | None
 ) -> ConnectivityResult:
     """Return the result of a raster job; the arguments are those of `run_circuitscape`."""
-    habitat = read_grid(job.file("habitat_file"))
+    habitat = read_raster(job.file("habitat_file"))
     points = read_points(job.file("point_file"), habitat)
     if len(points.ids) < 2:
         raise InputError(f"{job.file('point_file')}: a job needs at least two focal points, got {len(points.ids)}")
     named, allowed = allowed_pairs(job, points.ids)
-    land = _Landscape(job, habitat, *conductance_and_polygons(job), points.only(named))
+    land = _Landscape(job, habitat, *conductance_and_polygons(job, habitat), points.only(named))
     with output_files(job, output, habitat, land.conductance > 0, land.conductance.shape) as files:
         return _solve_raster(land, allowed, files, executor, progress)
 
@@ -229,17 +238,15 @@ def _solve_raster(
     """Solve a raster job, write its files, and return its result; `allowed` (k, k): which pairs are measured."""
     job, points, count = land.job, land.points, len(land.points.ids)
     if job.scenario == "pairwise":
-        pairs = [(i, j) for i in range(count) for j in range(i + 1, count) if allowed[i, j]]
-        resistance = np.where(np.eye(count, dtype=np.bool_), 0.0, UNCONNECTED)
-        if not points.has_regions and not files.wants_maps:
-            _fill_shared(land, pairs, resistance, executor, progress)
-            return _finished(job, points.ids, resistance, files)
-        names = [f"_{points.ids[i]}_{points.ids[j]}" for i, j in pairs]
-        for (i, j), ohms in zip(
-            pairs, _solutions(land, pairs, _pair_measurement, names, files, executor, progress), strict=True
-        ):
-            resistance[i, j] = resistance[j, i] = ohms
-        return _finished(job, points.ids, resistance, files)
+        pairs = _pairs_of(allowed)
+        if points.has_regions or files.wants_maps:
+            names = [f"_{points.ids[i]}_{points.ids[j]}" for i, j in pairs]
+            ohms = list(_solutions(land, pairs, _pair_measurement, names, files, executor, progress))
+        else:
+            netlist, node = land.circuit(())
+            nodes = [land.node_of(node, number) for number in range(count)]
+            ohms = _resistances_of(netlist, [(nodes[i], nodes[j]) for i, j in pairs], executor, progress)
+        return _finished(job, points.ids, _matrix_of(count, pairs, ohms), files)
     amps = strengths_of(job, points.ids)
     jobs = [(i, *np.flatnonzero(allowed[i]).tolist()) for i in range(count)]
     make = partial(_one_to_all if job.scenario == "one-to-all" else _all_to_one, amps)
@@ -256,24 +263,32 @@ def _finished(
     """Write the last files of a job, and return its result."""
     files.write_resistances(points, resistance)
     files.write_sums()
-    total, largest = files.sums
+    total, largest = (None, None) if files.sums is None else files.sums
     return ConnectivityResult(job.scenario, points, resistance, total, largest, tuple(files.written))
 
 
-def _fill_shared(
-    land: _Landscape, pairs: list[tuple[int, int]], resistance: NDArray[np.float64], executor: Executor | None,
-    progress: Count | None,
-) -> None:  # fmt: skip
-    """Write the resistances of pairs of single cells to a matrix (k, k), from one factorization."""
-    netlist, node = land.circuit(())
-    places = [land.node_of(node, number) for number in range(len(land.points.ids))]
-    within = [(i, j) for i, j in pairs if places[i] >= 0 and places[j] >= 0]
-    if not within:
-        return
-    wanted = [(places[i], places[j]) for i, j in within]
-    found = effective_resistance(netlist, wanted, executor=executor, progress=progress).resistance
-    for (i, j), ohms in zip(within, found.tolist(), strict=True):
-        resistance[i, j] = resistance[j, i] = ohms if np.isfinite(ohms) else UNCONNECTED
+def _pairs_of(allowed: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Return the pairs of points that are measured, the smaller index first; `allowed` (k, k): symmetric mask."""
+    first, second = np.nonzero(np.triu(allowed, 1))
+    return list(zip(first.tolist(), second.tolist(), strict=True))
+
+
+def _matrix_of(count: int, pairs: list[tuple[int, int]], ohms: list[float]) -> NDArray[np.float64]:
+    """Return the symmetric matrix of the resistances of `pairs`, (count, count); -1 for all other pairs."""
+    matrix = np.where(np.eye(count, dtype=np.bool_), 0.0, UNCONNECTED)
+    for (i, j), value in zip(pairs, ohms, strict=True):
+        matrix[i, j] = matrix[j, i] = value
+    return matrix
+
+
+def _resistances_of(
+    netlist: Netlist, pairs: list[tuple[int, int]], executor: Executor | None, progress: Count | None
+) -> list[float]:
+    """Return the resistances of pairs of nodes, from one factorization; -1 without a connection or with a node -1."""
+    within = [pair for pair in pairs if min(pair) >= 0]
+    found = effective_resistance(netlist, within, executor=executor, progress=progress).resistance
+    ohms = dict(zip(within, np.where(np.isfinite(found), found, UNCONNECTED).tolist(), strict=True))
+    return [ohms.get(pair, UNCONNECTED) for pair in pairs]
 
 
 def _solutions(
@@ -354,20 +369,15 @@ def _run_network(
     if missing or len(set(names)) < 2:
         words = f"its node {missing[0]} is not in the network" if missing else "a job needs two different focal nodes"
         raise InputError(f"{job.file('point_file')}: {words}")
-    points, allowed = np.unique(ids), None
-    points, allowed = allowed_pairs(job, points)
-    count = len(points)
-    pairs = [(i, j) for i in range(count) for j in range(i + 1, count) if allowed[i, j]]
+    points, allowed = allowed_pairs(job, np.unique(ids))
     nodes = [number_of[str(number)] for number in points.tolist()]
-    resistance = np.where(np.eye(count, dtype=np.bool_), 0.0, UNCONNECTED)
+    pairs = _pairs_of(allowed)
     wanted = [(nodes[i], nodes[j]) for i, j in pairs]
-    found = effective_resistance(netlist, wanted, executor=executor, progress=progress).resistance
-    for (i, j), ohms in zip(pairs, found.tolist(), strict=True):
-        resistance[i, j] = resistance[j, i] = ohms if np.isfinite(ohms) else UNCONNECTED
     with output_files(job, output, None, None, (netlist.node_count,)) as files:
-        for i, j in pairs if files.wants_maps else ():
-            flow = solve_measurement(Measurement(netlist, (nodes[j],), (1.0,), (nodes[i],), None))
+        ohms = _resistances_of(netlist, wanted, executor, progress)
+        for (i, j), (one, other) in zip(pairs, wanted, strict=True) if files.wants_maps else ():
+            flow = solve_measurement(Measurement(netlist, (other,), (1.0,), (one,), None))
             if flow is not None:
                 files.write_tables(f"_{points[i]}_{points[j]}", netlist, flow.voltage, flow.node_current,
                                    flow.resistor_current)  # fmt: skip
-        return _finished(job, points, resistance, files)
+        return _finished(job, points, _matrix_of(len(points), pairs, ohms), files)

@@ -9,8 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import InputError
+from resgrid.spice.networks.ascii_grids import Raster
 from resgrid.spice.networks.configurations import Configuration
-from resgrid.spice.networks.rasters import Raster, read_grid
+from resgrid.spice.networks.geotiff import is_geotiff
+from resgrid.spice.networks.rasters import read_cells
 from resgrid.spice.read.files import read_text
 
 
@@ -64,12 +66,7 @@ def read_points(path: Path, habitat: Raster) -> FocalPoints:
     """
     rows, columns = habitat.cells.shape
     if _is_raster(path):
-        other = read_grid(path).cells
-        if other.shape != habitat.cells.shape:
-            raise InputError(
-                f"{path} has {other.shape[0]} x {other.shape[1]} cells, but the habitat has {rows} x {columns}"
-            )
-        number = np.nan_to_num(other)
+        number = np.nan_to_num(read_cells(path, habitat.cells.shape))
         column, row = np.nonzero(number.T > 0)
         ids = number[row, column]
     else:
@@ -92,7 +89,7 @@ def read_points(path: Path, habitat: Raster) -> FocalPoints:
 
 def _is_raster(path: Path) -> bool:
     """Return whether a file is a GeoTIFF or an ASCII grid, and not a list of points."""
-    return path.suffix.lower() in (".tif", ".tiff") or read_text(path).lstrip()[:5].lower() == "ncols"
+    return is_geotiff(path) or read_text(path).lstrip()[:5].lower() == "ncols"
 
 
 def allowed_pairs(job: Configuration, ids: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
