@@ -13,7 +13,7 @@ The current of a cell is the larger of the currents into its node and out of it.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import closing
 from dataclasses import dataclass
@@ -300,16 +300,29 @@ def _solutions(
     `items`: arguments of the function `make`, which returns a `Measurement` of a landscape; `names`: ends of the names
     of the maps.
     """
-    part = JobPart(_solve_items, (land, make), items, "solutions")
+    for name, (flow, node) in zip(names, _flows(land, make, items, executor, progress), strict=True):
+        assert node is not None
+        if flow is not None:
+            files.write_maps(name, _on_cells(flow.node_current, node), _on_cells(flow.voltage, node))
+        elif land.job.scenario != "pairwise":  # as Circuitscape
+            files.write_maps(name, np.zeros(node.shape), np.zeros(node.shape))
+        yield UNCONNECTED if flow is None else flow.resistance
+
+
+def _flows(
+    shared: Any, make: Any, items: Sequence[Any], executor: Executor | None, progress: Count | None
+) -> Iterator[tuple[Flow | None, NDArray[np.int64] | None]]:
+    """Yield the solution of every measurement, None without a connection, and the node of every cell (rasters only).
+
+    `make`: function that returns the `Measurement` of `shared` (a landscape or a netlist) and an item; `items`: pairs,
+    or points.
+    """
+    part = JobPart(_solve_items, (shared, make), items, "solutions")
     with closing(in_order([part], executor)) as results:
-        for number, (name, (flow, node)) in enumerate(zip(names, results, strict=True), 1):
-            if flow is not None:
-                files.write_maps(name, _on_cells(flow.node_current, node), _on_cells(flow.voltage, node))
-            elif land.job.scenario != "pairwise":  # as Circuitscape
-                files.write_maps(name, np.zeros(node.shape), np.zeros(node.shape))
+        for number, result in enumerate(results, 1):
             if progress is not None:
                 progress(number, len(items))
-            yield UNCONNECTED if flow is None else flow.resistance
+            yield result
 
 
 def _on_cells(values: NDArray[np.float64], node: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -320,14 +333,10 @@ def _on_cells(values: NDArray[np.float64], node: NDArray[np.int64]) -> NDArray[n
     return np.where(node >= 0, values[node], 0.0)
 
 
-def _solve_items(shared: tuple[_Landscape, Any], items: list[Any]) -> list[tuple[Flow | None, NDArray[np.int64]]]:
-    """Return the solution of every measurement, None without a connection, and the node of every cell."""
-    land, make = shared
-    results = []
-    for item in items:
-        measured = make(land, item)
-        results.append((solve_measurement(measured), measured.node))
-    return results
+def _solve_items(shared: tuple[Any, Any], items: Sequence[Any]) -> list[tuple[Flow | None, NDArray[np.int64] | None]]:
+    """Return the solutions of some measurements; the arguments and results are those of `_flows`."""
+    place, make = shared
+    return [(solve_measurement(measured), measured.node) for measured in (make(place, item) for item in items)]
 
 
 def _pair_measurement(land: _Landscape, pair: tuple[int, int]) -> Measurement:
@@ -374,10 +383,18 @@ def _run_network(
     pairs = _pairs_of(allowed)
     wanted = [(nodes[i], nodes[j]) for i, j in pairs]
     with output_files(job, output, None, None, (netlist.node_count,)) as files:
-        ohms = _resistances_of(netlist, wanted, executor, progress)
-        for (i, j), (one, other) in zip(pairs, wanted, strict=True) if files.wants_maps else ():
-            flow = solve_measurement(Measurement(netlist, (other,), (1.0,), (one,), None))
+        if not files.wants_maps:
+            ohms = _resistances_of(netlist, wanted, executor, progress)
+            return _finished(job, points, _matrix_of(len(points), pairs, ohms), files)
+        ohms = []
+        for (i, j), (flow, _) in zip(pairs, _flows(netlist, _between_nodes, wanted, executor, progress), strict=True):
+            ohms.append(UNCONNECTED if flow is None else flow.resistance)
             if flow is not None:
                 files.write_tables(f"_{points[i]}_{points[j]}", netlist, flow.voltage, flow.node_current,
                                    flow.resistor_current)  # fmt: skip
         return _finished(job, points, _matrix_of(len(points), pairs, ohms), files)
+
+
+def _between_nodes(netlist: Netlist, pair: tuple[int, int]) -> Measurement:
+    """Return the measurement of a pair of nodes: 1 A from the second node to the first."""
+    return Measurement(netlist, (pair[1],), (1.0,), (pair[0],), None)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -294,6 +295,13 @@ def test_a_network_job_writes_its_tables() -> None:
     np.testing.assert_allclose(np.loadtxt("there/net_node_currents_0_2.txt")[:3, 1], [1, 0.25, 1])
     branches = np.loadtxt("there/net_branch_currents_0_2.txt")
     np.testing.assert_allclose(branches[:3], [[0, 1, 0.25], [0, 2, 0.75], [1, 2, 0.25]])
+    steps: list[tuple[int, int]] = []
+    with ThreadPoolExecutor(2) as pool:
+        shared = rg.spice.run_circuitscape(
+            "net.ini", "shared", executor=pool, progress=lambda *step: steps.append(step)
+        )
+    np.testing.assert_array_equal(shared.resistance, done.resistance)
+    assert steps == [(1, 3), (2, 3), (3, 3)]
 
 
 @pytest.mark.filterwarnings("ignore::PendingDeprecationWarning")
