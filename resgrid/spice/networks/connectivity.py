@@ -13,11 +13,11 @@ The current of a cell is the larger of the currents into its node and out of it.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import closing
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -30,13 +30,19 @@ from resgrid.circuit.effective_resistance import effective_resistance
 from resgrid.circuit.network_reduction import Count
 from resgrid.core.netlist import Netlist
 from resgrid.errors import InputError
-from resgrid.spice.networks.ascii_grids import Raster
 from resgrid.spice.networks.circuitscape_files import OutputFiles, output_files
 from resgrid.spice.networks.configurations import CONNECTIVITY, Configuration, read_configuration
 from resgrid.spice.networks.edges import read_edges
-from resgrid.spice.networks.focal_points import FocalPoints, allowed_pairs, numbers_of, read_points, strengths_of
+from resgrid.spice.networks.focal_points import (
+    allowed_pairs,
+    numbers_of,
+    read_points,
+    strengths_of,
+    whole_numbers,
+)
+from resgrid.spice.networks.landscapes import Landscape
 from resgrid.spice.networks.measurements import UNCONNECTED, Flow, Measurement, solve_measurement
-from resgrid.spice.networks.raster_networks import conductance_and_polygons, links_between, number_cells
+from resgrid.spice.networks.raster_networks import conductance_and_polygons
 from resgrid.spice.networks.rasters import read_raster
 
 _REFUSED = ("use_reclass_table", "compress_grids", "set_focal_node_currents_to_zero", "write_as_tif")
@@ -89,55 +95,6 @@ class ConnectivityResult:
     cumulative_current: NDArray[np.float64] | None
     maximum_current: NDArray[np.float64] | None
     files: tuple[Path, ...] = ()
-
-
-@dataclass(frozen=True, eq=False)
-class _Landscape:
-    """Conductances of the cells and focal points of a raster job.
-
-    `job`: the configuration; `habitat`: place of the cells; `conductance`, `polygon` (rows, columns): in S, and number
-    of the short-circuit region, 0 for none; `points`: the focal points.
-    """
-
-    job: Configuration
-    habitat: Raster
-    conductance: NDArray[np.float64]
-    polygon: NDArray[np.float64]
-    points: FocalPoints
-
-    def circuit(self, numbers: Iterable[int]) -> tuple[Netlist, NDArray[np.int64]]:
-        """Return the circuit in which polygons and some focal regions are single nodes, and the node of every cell.
-
-        `numbers`: indices of the focal points that are joined.  A region and the polygons that it overlaps are one
-        node.
-        """
-        regions = [self.points.cells[number] for number in numbers if len(self.points.cells[number]) > 1]
-        return self._joined(regions) if regions else self._without_regions
-
-    @cached_property
-    def _without_regions(self) -> tuple[Netlist, NDArray[np.int64]]:
-        """Circuit in which only polygons are single nodes, and the node of every cell."""
-        return self._joined([])
-
-    def _joined(self, regions: list[NDArray[np.int64]]) -> tuple[Netlist, NDArray[np.int64]]:
-        """Return the circuit in which polygons and `regions` (flat cell indices) are single nodes, and the node map."""
-        labels = self.polygon.ravel().copy()
-        for cells in regions:
-            label, touched = labels.max() + 1.0, np.unique(labels[cells])
-            labels[np.isin(labels, touched[touched != 0])] = label
-            labels[cells] = label
-        node, names = number_cells(self.conductance, labels.reshape(self.polygon.shape))
-        edges, siemens = links_between(
-            self.conductance,
-            node,
-            mean_resistance=self.job.flag("connect_using_avg_resistances"),
-            diagonals=not self.job.flag("connect_four_neighbors_only"),
-        )
-        return Netlist(len(names), edges, siemens), node
-
-    def node_of(self, node: NDArray[np.int64], number: int) -> int:
-        """Return the node of a focal point, -1 without a conducting cell; `node`: node of every cell."""
-        return int(node.ravel()[self.points.cells[number][0]])
 
 
 def run_circuitscape(
@@ -226,13 +183,13 @@ def _run_raster(
     if len(points.ids) < 2:
         raise InputError(f"{job.file('point_file')}: a job needs at least two focal points, got {len(points.ids)}")
     named, allowed = allowed_pairs(job, points.ids)
-    land = _Landscape(job, habitat, *conductance_and_polygons(job, habitat), points.only(named))
+    land = Landscape(job, *conductance_and_polygons(job, habitat), points.only(named))
     with output_files(job, output, habitat, land.conductance > 0, land.conductance.shape) as files:
         return _solve_raster(land, allowed, files, executor, progress)
 
 
 def _solve_raster(
-    land: _Landscape, allowed: NDArray[np.bool_], files: OutputFiles, executor: Executor | None,
+    land: Landscape, allowed: NDArray[np.bool_], files: OutputFiles, executor: Executor | None,
     progress: Count | None,
 ) -> ConnectivityResult:  # fmt: skip
     """Solve a raster job, write its files, and return its result; `allowed` (k, k): which pairs are measured."""
@@ -292,7 +249,7 @@ def _resistances_of(
 
 
 def _solutions(
-    land: _Landscape, items: list[Any], make: Any, names: list[str], files: OutputFiles, executor: Executor | None,
+    land: Landscape, items: list[Any], make: Any, names: list[str], files: OutputFiles, executor: Executor | None,
     progress: Count | None,
 ) -> Iterator[float]:  # fmt: skip
     """Solve all measurements, write their maps, and yield their resistances.
@@ -339,14 +296,14 @@ def _solve_items(shared: tuple[Any, Any], items: Sequence[Any]) -> list[tuple[Fl
     return [(solve_measurement(measured), measured.node) for measured in (make(place, item) for item in items)]
 
 
-def _pair_measurement(land: _Landscape, pair: tuple[int, int]) -> Measurement:
+def _pair_measurement(land: Landscape, pair: tuple[int, int]) -> Measurement:
     """Return the measurement of a pair: 1 A from the second point to the first."""
     netlist, node = land.circuit(pair)
     first, second = (land.node_of(node, number) for number in pair)
     return Measurement(netlist, (second,), (1.0,), (first,), node)
 
 
-def _one_to_all(amps: NDArray[np.float64], land: _Landscape, item: tuple[int, ...]) -> Measurement:
+def _one_to_all(amps: NDArray[np.float64], land: Landscape, item: tuple[int, ...]) -> Measurement:
     """Return the measurement from one point to others; `item`: the point and the others; `amps`: strengths in A."""
     netlist, node = land.circuit(item)
     ends = [land.node_of(node, number) for number in item]
@@ -354,7 +311,7 @@ def _one_to_all(amps: NDArray[np.float64], land: _Landscape, item: tuple[int, ..
     return Measurement(netlist, (ends[0],), (float(amps[item[0]]),), grounds, node)
 
 
-def _all_to_one(amps: NDArray[np.float64], land: _Landscape, item: tuple[int, ...]) -> Measurement:
+def _all_to_one(amps: NDArray[np.float64], land: Landscape, item: tuple[int, ...]) -> Measurement:
     """Return the measurement from others to one point; `item`: the point and the others; `amps`: strengths in A."""
     netlist, node = land.circuit(item)
     ground = land.node_of(node, item[0])
@@ -371,7 +328,7 @@ def _run_network(
     """Return the result of a pairwise network job; the arguments are those of `run_circuitscape`."""
     network = read_edges(job.file("habitat_file"), measure=job.measure("habitat_map_is_resistances"), absent_edges=True)
     netlist = Netlist(len(network.names), network.edges, network.conductance, node_names=tuple(network.names))
-    ids = numbers_of(job.file("point_file"), 1).ravel().astype(np.int64)
+    ids = whole_numbers(job.file("point_file"), numbers_of(job.file("point_file"), 1).ravel())
     names = [str(number) for number in ids.tolist()]
     number_of = {name: node for node, name in enumerate(network.names)}
     missing = [name for name in names if name not in number_of]

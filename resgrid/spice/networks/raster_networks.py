@@ -15,6 +15,7 @@ from resgrid.errors import InputError
 from resgrid.spice.networks.ascii_grids import Raster
 from resgrid.spice.networks.configurations import Configuration
 from resgrid.spice.networks.edges import Measure
+from resgrid.spice.networks.focal_points import whole_numbers
 from resgrid.spice.networks.rasters import read_cells
 
 
@@ -32,8 +33,7 @@ def conductance_and_polygons(job: Configuration, habitat: Raster) -> tuple[NDArr
     polygon = np.zeros(conductance.shape)
     if job.flag("use_polygons"):
         polygon = np.nan_to_num(read_cells(job.file("polygon_file"), conductance.shape))
-        if np.any(polygon != np.rint(polygon)):
-            raise InputError(f"{job.file('polygon_file')}: the number of a polygon is not a whole number")
+        whole_numbers(job.file("polygon_file"), polygon, "polygon")
     return conductance, polygon
 
 
@@ -74,9 +74,11 @@ def number_cells(conductance: NDArray[np.float64], polygon: NDArray[np.float64])
     conducts = conductance > 0
     cell = np.arange(conductance.size).reshape(conductance.shape)
     leader = np.where(conducts, cell, -1)
-    for region in np.unique(polygon[(polygon != 0) & conducts]).tolist():
-        members = polygon == region
-        leader[members] = cell[members & conducts].min()
+    inside = polygon != 0
+    regions, region = np.unique(polygon[inside], return_inverse=True)
+    first = np.full(len(regions), conductance.size)
+    np.minimum.at(first, region, np.where(conducts, cell, conductance.size)[inside])
+    leader[inside] = np.where(first < conductance.size, first, -1)[region]
     leaders, node = np.unique(leader[leader >= 0], return_inverse=True)
     numbers = np.full(conductance.shape, -1, dtype=np.int64)
     numbers[leader >= 0] = node + 1
