@@ -27,8 +27,9 @@ def test_every_process_has_the_rules_that_a_layout_needs(name):
     for layer in ("metal1", "metal2"):
         assert process.min_width(layer) > 0
         assert process.min_space(layer) > 0
-    for cut in process.cuts.values():
-        assert process.enclosure("contact", cut.below if cut.below == "poly" else "metal1") >= 0
+    for cut, drawn in process.cuts.items():
+        assert process.enclosure(cut, drawn.below) == drawn.enclosure_below
+        assert process.enclosure(cut, drawn.above) == drawn.enclosure_above
     low, high = (process.resistor.at_corner(corner) for corner in ("low", "high"))
     assert low < process.resistor.sheet_resistance < high
     assert process.resistor is process.resistors[name.partition(":")[2]]

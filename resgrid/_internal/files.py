@@ -143,24 +143,11 @@ def whole_folder(path: str | Path) -> Iterator[Path]:
     target = Path(path)
     if target.exists() and not target.is_dir():
         raise InputError(f"-o {path}: this is a file, and the results need a folder; name another")
-    parents = _make_parents(target)
-    temporary = temporary_place(target.parent, target.name)
-    try:
-        temporary.mkdir()
-        with _locked(temporary):
-            if any(
-                _is_locked(other) for other in _temporary_paths(temporary.parent, target.name) if other != temporary
-            ):
-                raise InputError(f"-o {path}: another run is writing this folder; wait for its end, or name another")
-            yield temporary
-            _move_files(temporary, target)
-        parents = []
-    except ResgridError:
-        raise
-    except OSError as error:
-        raise _unwritable(target, error) from error
-    finally:
-        _remove_folders(temporary, parents)
+    with _temporary_beside(target, target) as temporary:
+        if any(_is_locked(other) for other in _temporary_paths(temporary.parent, target.name) if other != temporary):
+            raise InputError(f"-o {path}: another run is writing this folder; wait for its end, or name another")
+        yield temporary
+        _move_files(temporary, target)
 
 
 @contextlib.contextmanager
@@ -177,20 +164,31 @@ def files_together(folder: Path) -> Iterator[Path]:
     """
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder} is a file, and the results need a folder; name another")
-    created = _make_parents(folder / "file")
-    temporary = temporary_place(folder, "resgrid")
-    remove = weakref.finalize(files_together, _remove_folders, temporary, created)  # the process may end in the block
+    with _temporary_beside(folder / "resgrid", folder) as temporary:
+        yield temporary
+        for file in sorted(temporary.iterdir()):
+            file.replace(folder / file.name)
+
+
+@contextlib.contextmanager
+def _temporary_beside(place: Path, named: Path) -> Iterator[Path]:
+    """Yield a new locked temporary folder next to `place`, which is deleted after the block.
+
+    Missing parent folders of `place` are created, and deleted if the block leaves them empty, also if the process ends
+    in the block.  `named`: the path in the message if the system refuses an operation.
+    """
+    created = _make_parents(place, named)
+    temporary = temporary_place(place.parent, place.name)
+    # finalize also runs if the process ends while a generator is suspended in the block
+    remove = weakref.finalize(_temporary_beside, _remove_folders, temporary, created)
     try:
         temporary.mkdir()
         with _locked(temporary):
             yield temporary
-            created.clear()
-            for file in sorted(temporary.iterdir()):
-                file.replace(folder / file.name)
     except ResgridError:
         raise
     except OSError as error:
-        raise _unwritable(folder, error) from error
+        raise _unwritable(named, error) from error
     finally:
         remove()
 
@@ -203,13 +201,16 @@ def _remove_folders(temporary: Path, created: list[Path]) -> None:
             folder.rmdir()
 
 
-def _make_parents(target: Path) -> list[Path]:
-    """Create the parents of a folder, and return the created ones, innermost first; raise InputError on failure."""
+def _make_parents(target: Path, named: Path) -> list[Path]:
+    """Create the parents of a path, and return the created ones, innermost first.
+
+    `named`: the path in the message of the InputError if the system refuses.
+    """
     try:
         missing = [parent for parent in target.absolute().parents if not parent.exists()]
         target.absolute().parent.mkdir(parents=True, exist_ok=True)
     except (OSError, ValueError) as error:
-        raise _unwritable(target, error) from error
+        raise _unwritable(named, error) from error
     return missing
 
 

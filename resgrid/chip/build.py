@@ -209,10 +209,8 @@ def described(chip: Chip, shape: Sequence[int], boundary: str) -> list[tuple[str
     ]
     size = f"{' x '.join(map(str, shape))} cells"
     rows = [("grid", size, "one node each"), ("boundary", boundary, f"obstacles {meaning}")]
-    values, about = (
-        chip_keys(chip.with_process()) | {"process": chip.process, "corner": chip.corner},
-        described_keys(Chip),
-    )
+    about = described_keys(Chip)
+    values = chip_keys(chip.with_process()) | {"process": chip.process, "corner": chip.corner}
     if values["sheet_resistance"] is None:
         del values["drawing_grid"]
     for key, value in values.items():

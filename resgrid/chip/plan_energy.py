@@ -94,8 +94,8 @@ class PlanEnergy(Result):
     @property
     def figures(self) -> Mapping[str, Figure]:
         """Figures of merit by name: energies and times of the plan and of its parts, and number of conversions."""
-        missing = "" if self.conversion_energy is not None else "; 0 without readout.figure_of_merit"
-        untimed = "" if self.conversion_time is not None else "; 0 without readout.conversion_time"
+        missing = "" if self.conversion_energy is not None else "; 0 without chip.readout.figure_of_merit"
+        untimed = "" if self.conversion_time is not None else "; 0 without chip.readout.conversion_time"
         return {
             "plan_energy": Figure(self.total, "J", "settling, supply during the read-out, and conversions"),
             "settling_energy": Figure(self.settling_energy, "J", "energy of all sources until every node has settled"),
@@ -104,7 +104,7 @@ class PlanEnergy(Result):
                 self.readout_energy, "J", f"conversions times figure of merit times 2**{self.bits}{missing}"
             ),
             "conversions": Figure(self.conversions, "", "readings of each cell of the path and of its free neighbours"),
-            "plan_time": Figure(self.time, "s", f"settling time plus conversions one after the other{untimed}"),
+            "plan_time": Figure(self.time, "s", "settling time plus read-out time"),
             "readout_time": Figure(self.readout_time, "s", f"conversions one after the other{untimed}"),
         }
 
@@ -158,7 +158,7 @@ def energy_sentences(result: PlanEnergy, readout: Readout, shape: Sequence[int])
     text = [f"A plan takes {formatted(result.total, 'J')} and {formatted(result.time, 's')}: {parts}."]
     lacking = [key for key in ("figure_of_merit", "conversion_time") if getattr(readout, key) is None]
     if lacking:
-        keys = " and ".join(f"`readout.{key}`" for key in lacking)
+        keys = " and ".join(f"`chip.readout.{key}`" for key in lacking)
         text.append(f"The cost of the read-out is incomplete; give {keys}.")
     text.append(
         f"For comparison: a digital processor in 40 nm CMOS plans on 100 x 100 cells for "

@@ -1,4 +1,4 @@
-"""Report on a chip as Markdown: the results of the analyses, their figures with definitions, pictures, and decks."""
+"""Sections of the report on a chip: results of the analyses, their figures with definitions, and pictures."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import numpy as np
 from resgrid.chip.adc_resolution import ADCResolution
 from resgrid.chip.build import value_text
 from resgrid.chip.fault_analysis import FaultAnalysis
-from resgrid.chip.figures_of_merit import Figure, Result, figure_lines, formatted, table_lines
+from resgrid.chip.figures_of_merit import Figure, Result, formatted
 from resgrid.chip.plan_energy import energy_sentences
 from resgrid.chip.study_analyses import Study, study
 from resgrid.chip.sweeps import SweptKey
@@ -26,12 +26,9 @@ from resgrid.scene.table_models import described_keys
 
 _SWEEP_TRIALS = 32
 """Number of random chips for each pair of values in the sweep section."""
+
 _NO_CAPACITANCE = "the chip has no capacitance; give chip.capacitance, such as 50f"
-_DECKS = (
-    "The expected results of a deck are in its sidecar of the same name with `.json`. The file with `.ngspice` (or "
-    "the dialect's name) runs it; its first lines give the command. Node `n_3_7` is the node of cell (3, 7), from 0."
-)
-"""Paragraph that introduces the decks; above, the reason why a chip has no settling time."""
+"""Reason why a chip has no settling time."""
 
 
 @dataclass(frozen=True)
@@ -381,21 +378,3 @@ def checkpoints_beside(folder: Path, chip: Study, sweep: Sequence[SweptKey]) -> 
         digest.update(space.conductivity.tobytes())
     mark = digest.hexdigest()[:12]
     return {name: folder.parent / f".{folder.name}-{mark}.{name}.jsonl" for name in ("yield", "sweep")}
-
-
-def report_markdown(chip: Study, parts: Sequence[Section], decks: Mapping[str, str], verdict: str) -> str:
-    """Return the report on a chip as Markdown text.
-
-    `parts`: sections; `decks`: descriptions of the deck files by file name; `verdict`: result of checking the decks.
-    """
-    lines = [f"# {chip.title}", "", *(f"- **{section.title}.** {section.text[0]}" for section in parts), ""]
-    for section in parts:
-        lines += [f"## {section.title}", "", " ".join(section.text), ""]
-        if section.table:
-            lines += [*section.table, ""]
-        if section.figures:
-            lines += [*figure_lines(section.figures), ""]
-        lines += [f"![{picture.caption}]({picture.name}.png)\n\n*{picture.caption}*\n" for picture in section.pictures]
-    lines += ["## Decks", "", _DECKS, "", verdict, "", *(f"- `{name}`: {what}" for name, what in decks.items()), ""]
-    rows = ((f"`{key}`", value, meaning) for key, value, meaning in chip.parameters)
-    return "\n".join([*lines, "## The chip", "", *table_lines(("key", "value", "meaning"), rows)]) + "\n"

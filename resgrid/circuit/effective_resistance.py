@@ -7,7 +7,6 @@ from concurrent.futures import Executor
 from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
-from itertools import combinations
 from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
@@ -297,8 +296,10 @@ def reduce_network(
     ends = tuple(read.nodes(terminal) for terminal in terminals)
     group = joined_nodes(circuit, ends)
     groups = np.array([group[nodes[0]] for nodes in ends], dtype=np.int64)
-    for one, other in combinations(range(len(ends)), 2) if len(np.unique(groups)) < len(groups) else ():
-        if groups[one] == groups[other]:
+    first_of: dict[int, int] = {}
+    for other, number in enumerate(groups.tolist()):
+        one = first_of.setdefault(number, other)
+        if one != other:
             raise InputError(
                 f"terminals {one} and {other} are joined by a voltage source or share a node; leave one of them out"
             )
@@ -306,16 +307,14 @@ def reduce_network(
         circuit, group, groups, method=method, threads=threads, executor=executor, progress=progress
     )
     low, high = np.nonzero(np.triu(found.conductance))
-    names = ("0", *(_unique_names(circuit.names_of([nodes[0] for nodes in ends]))))
+    names, spare = circuit.names_of([nodes[0] for nodes in ends]), "ground"
+    while spare in names:
+        spare += "_0"
+    names = [spare if name == "0" else name for name in names]  # the new node 0 has the name "0"
     reduced = Netlist(
-        len(ends) + 1, np.stack([low + 1, high + 1], axis=1), found.conductance[low, high], node_names=names
+        len(ends) + 1, np.stack([low + 1, high + 1], axis=1), found.conductance[low, high], node_names=("0", *names)
     )
     return ReducedNetwork(ends, reduced, found.conductance, found.error, found.method)
-
-
-def _unique_names(names: list[str]) -> list[str]:
-    """Return names with ``0`` replaced by ``ground``, the name of an original ground node in a reduced network."""
-    return ["ground" if name == "0" else name for name in names]
 
 
 def _share_factors(
@@ -343,7 +342,6 @@ def _pair_by_pair(
     single = np.array([len(nodes) == 1 for nodes in ends])
     simple = single[pairs].all(axis=1)
     others = [(ends[first], ends[second]) for first, second in pairs[~simple].tolist()]
-    count, step = len(others), options.progress
     resistance, error, method = np.zeros(len(pairs)), 0.0, "none"
     if simple.any():
         used, numbers = np.unique(pairs[simple], return_inverse=True)
@@ -351,23 +349,24 @@ def _pair_by_pair(
             netlist, tuple(ends[number] for number in used), numbers.reshape(-1, 2), options
         )
     found = []
-    part = JobPart(partial(_resistances_of, options.method), netlist, others, "pairs")
+    alone = options._replace(threads=options.threads if options.executor is None else 1, executor=None, progress=None)
+    part = JobPart(partial(_resistances_of, alone), netlist, others, "pairs")
     with closing(in_order([part], options.executor)) as results:
         for done, (ohms, bound, name) in enumerate(results, 1):
             found.append(ohms)
             error, method = max(error, bound), name if method == "none" else method
-            if step is not None:
-                step(done, count)
+            if options.progress is not None:
+                options.progress(done, len(others))
     resistance[~simple] = found
     return resistance, error, method
 
 
 def _resistances_of(
-    method: str, netlist: Netlist, pairs: Sequence[tuple[Nodes, Nodes]]
+    options: _Options, netlist: Netlist, pairs: Sequence[tuple[Nodes, Nodes]]
 ) -> list[tuple[float, float, str]]:
     """Return the resistance in ohms, the bound on its relative error and the method, for pairs of regions."""
     results = []
     for pair in pairs:
-        (ohms,), error, name = _share_factors(netlist, pair, np.array([[0, 1]]), _Options(method, 1, None, None))
+        (ohms,), error, name = _share_factors(netlist, pair, np.array([[0, 1]]), options)
         results.append((float(ohms), error, name))
     return results

@@ -31,7 +31,7 @@ from resgrid.core.netlist import Netlist
 from resgrid.errors import AccuracyError
 from resgrid.solvers.factors import EXACT_ROWS, Factor, factor_direct
 from resgrid.solvers.laplacian import EdgeList, Grid, Laplacian, Rails
-from resgrid.solvers.method_choice import factor_laplacian
+from resgrid.solvers.method_choice import check_method, direct_memory, factor_laplacian
 from resgrid.solvers.progress import ProgressMonitor
 from resgrid.solvers.refinement import is_answer
 from resgrid.solvers.threads import ThreadTeam
@@ -92,6 +92,7 @@ def reduce_to_groups(
     ``"direct"`` or ``"multigrid"``; `threads`: largest number of threads of one solve; `executor`: workers that share
     the terminals; `progress`: called after every terminal.
     """
+    check_method(method)
     count = len(terminals)
     require_memory(40.0 * count**2, f"the conductances between {count:,} terminals", "choose fewer terminals at a time")
     terminal_of = np.full(int(group.max()) + 1, -1, dtype=np.int32)
@@ -134,8 +135,9 @@ def _factor(laplacian: Laplacian, method: str, solves: int, team: ThreadTeam) ->
         laplacian = laplacian.with_rows()
         order = order_by_fill(laplacian, _MOST_FILL * laplacian.size)
         if order is not None:
-            needed = 8.0 * (order.entries + len(order.nodes.rows)) + 500.0 * laplacian.size
-            require_memory(needed, f"the factors for {laplacian.size:,} unknowns", "use method = 'multigrid'")
+            require_memory(
+                direct_memory(order), f"the factors for {laplacian.size:,} unknowns", "use method = 'multigrid'"
+            )
             return factor_direct(laplacian, order)
     return factor_laplacian(laplacian, method, threads=team)
 

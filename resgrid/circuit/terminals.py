@@ -36,7 +36,7 @@ class TerminalReader:
     def _number_of(self) -> dict[str, int]:
         """Node number of every node name."""
         names = self.netlist.names_of(np.arange(self.netlist.node_count))
-        return {name: node for node, name in reversed(list(enumerate(names)))}
+        return {name: node for node, name in enumerate(names)}
 
     def nodes(self, terminal: Any) -> Nodes:
         """Return the sorted node numbers of a terminal; raise InputError if it has none, or one does not exist."""
@@ -65,7 +65,7 @@ class TerminalReader:
         if isinstance(node, str):
             if node not in self._number_of:
                 names = list(islice(self._number_of, _MOST_NAMES))
-                hint = suggestion(node, names) or f"some of its nodes are {', '.join(names[-4:])}"
+                hint = suggestion(node, names) or f"some of its nodes are {', '.join(names[:4])}"
                 raise InputError(f"the circuit has no node {node!r}; {hint}")
             return self._number_of[node]
         if not is_whole(node) or not 0 <= node < self.netlist.node_count:

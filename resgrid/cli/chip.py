@@ -96,7 +96,8 @@ def command(
     the lines that it has written next to the folder.
     """
     from resgrid.chip.decks import described_files
-    from resgrid.chip.report import Effort, checkpoints_beside, report_markdown
+    from resgrid.chip.report import Effort, checkpoints_beside
+    from resgrid.chip.report_markdown import report_markdown
     from resgrid.io.tables import html_page, json_text
 
     folder = folder_of(output, source, "_chip")

@@ -168,6 +168,8 @@ def _run_job(source: CommandInput, output: str | None, between: tuple[tuple[str,
 
 def _job_lines(job: rg.spice.ConnectivityResult) -> Iterable[str]:
     """Yield the lines of text for a finished Circuitscape job: its resistances, one line per pair or focal point."""
+    from resgrid.spice.networks.measurements import UNCONNECTED
+
     yield f"{job.scenario}, {len(job.points):,} focal points or regions"
     points = job.points.tolist()
     if job.resistance.ndim == 1:
@@ -179,6 +181,6 @@ def _job_lines(job: rg.spice.ConnectivityResult) -> Iterable[str]:
             for place in range(number + 1, len(points))
         ]
     for name, ohms in shown[:_MOST_LINES]:
-        yield f"  {name}  " + ("not connected" if ohms == -1.0 else f"{ohms:.10g} ohm")
+        yield f"  {name}  " + ("not connected" if ohms == UNCONNECTED else f"{ohms:.10g} ohm")
     if len(shown) > _MOST_LINES:
         yield f"  and {len(shown) - _MOST_LINES:,} more; the file of resistances has all"

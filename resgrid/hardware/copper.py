@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid.core.regions import label_components
 from resgrid.hardware.excellon import Hole
 from resgrid.hardware.gerber import CopperShape, pieces, subtract
 from resgrid.hardware.gerber_apertures import ARC_STEPS
@@ -67,8 +68,6 @@ def connect_copper(layers: Sequence[list[CopperShape]], plated: Sequence[Hole], 
     `layers`: copper of each layer, front first; `plated`: holes whose wall connects all layers; `unplated`: holes that
     only remove copper.
     """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
     from shapely import STRtree
 
     kept = [_drilled(shapes, unplated) for shapes in layers]
@@ -78,9 +77,7 @@ def connect_copper(layers: Sequence[list[CopperShape]], plated: Sequence[Hole], 
     pairs = [_touching(tree) + start for tree, start in zip(trees, first, strict=True)]
     pairs += [_through(trees, first, plated)]
     rows, columns = np.concatenate(pairs, axis=1)
-    total = sum(sizes)
-    graph = coo_array((np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=(total, total))
-    island = connected_components(graph, directed=False)[1].astype(np.int64)
+    island = label_components(np.stack([rows, columns], axis=1), sum(sizes))
     shapes = [shape for layer in kept for shape in layer]
     return Copper(trees, island, first, tuple(_contacts(shapes, rows, columns, first)))
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from resgrid._internal.validation import checked
 from resgrid._internal.values import frozen
 from resgrid.core.axis import LARGEST, Point
+from resgrid.core.regions import label_components
 from resgrid.errors import InputError
 from resgrid.robots.bounded import Bounded, Bounds
 
@@ -129,12 +130,8 @@ class Mesh(Bounded):
     @cached_property
     def _part_of_triangle(self) -> NDArray[np.int64]:
         """Number of the part to which each triangle belongs, shape (t,)."""
-        from scipy.sparse import coo_array
-        from scipy.sparse.csgraph import connected_components
-
-        starts, ends = self.triangles.ravel(), np.roll(self.triangles, -1, axis=1).ravel()
-        links = coo_array((np.ones(len(starts)), (starts, ends)), shape=(len(self.points),) * 2)
-        return np.asarray(connected_components(links, directed=False)[1][self.triangles[:, 0]], dtype=np.int64)
+        edges = np.stack([self.triangles, np.roll(self.triangles, -1, axis=1)], axis=-1).reshape(-1, 2)
+        return label_components(edges, len(self.points))[self.triangles[:, 0]]
 
     @cached_property
     def _open_edges(self) -> NDArray[np.int64]:

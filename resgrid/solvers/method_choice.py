@@ -104,7 +104,7 @@ class MethodChoice(NamedTuple):
                 on_nodes, on_entries = on_nodes + 60.0, on_entries + 18.0
             return on_nodes * n + on_entries * self.statistics.entries + _ON_LEVELS
         if order is not None:
-            return 8.0 * (order.entries + len(order.nodes.rows)) + _ON_ROWS * n
+            return direct_memory(order)
         fill = {2: 2.6 * n * np.log2(n + 2), 3: 10.0 * n ** (4 / 3), 4: 4.5 * n ** (3 / 2)}
         return float(9.0 * fill.get(laplacian.dimensions, 3.0 * n) + _ON_ROWS * n)
 
@@ -325,6 +325,14 @@ def _by_fill(iterative: MethodChoice, seconds: float) -> MethodChoice | None:
     order = order_by_fill(laplacian, left / SECONDS.entry) if left > 0.0 else None
     faster = order is not None and direct_seconds(order) + SECONDS.order * n < seconds
     return iterative._replace(method="direct", order=order) if faster else None
+
+
+def direct_memory(order: Symbolic) -> float:
+    """Return the estimated peak memory of a direct solution in bytes, in addition to the netlist.
+
+    `order`: elimination order and structure of the factors.
+    """
+    return 8.0 * (order.entries + len(order.nodes.rows)) + _ON_ROWS * len(order.order)
 
 
 def direct_seconds(order: Symbolic) -> float:

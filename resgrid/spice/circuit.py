@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from resgrid.core.netlist import GROUND, Netlist
 from resgrid.core.networkx_graphs import ARRAYS
+from resgrid.core.regions import label_components
 from resgrid.errors import InputError
 from resgrid.spice.dialects import DIALECTS
 from resgrid.spice.findings import Note
@@ -204,7 +205,7 @@ class Circuit:
     @cached_property
     def part(self) -> NDArray[np.int64]:
         """Number of the connected component of every node, shape (nodes,); only `CONDUCTING` elements connect nodes."""
-        return connected_parts(np.concatenate([self.ends[kind] for kind in CONDUCTING]), self.node_count)
+        return label_components(np.concatenate([self.ends[kind] for kind in CONDUCTING]), self.node_count)
 
     @cached_property
     def is_floating(self) -> NDArray[np.bool_]:
@@ -352,16 +353,6 @@ class Circuit:
                 f"{float(resistance[worst])!r} ohm{more}; only zero (a short) and positive finite resistances can be "
                 "solved: correct the value"
             )
-
-
-def connected_parts(joined: NDArray[np.int32], node_count: int) -> NDArray[np.int64]:
-    """Return the component number of every node, shape (node_count,); `joined` (n, 2): pairs of connected nodes."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    first, second = joined.T
-    pairs = coo_array((np.ones(len(first), dtype=np.int8), (first, second)), shape=(node_count, node_count))
-    return np.asarray(connected_components(pairs, directed=False)[1], dtype=np.int64)
 
 
 def some(words: Sequence[str], count: int) -> str:

@@ -72,4 +72,6 @@ def test_the_report_compares_the_energy_with_a_digital_processor(tmp_path):
     assert "1.5 µJ" in text
     assert "40 nm" in text
     assert "is incomplete" not in text
-    assert "plan_energy" in json.dumps(json.loads(result.stdout))
+    value = {name: figure["value"] for name, figure in json.loads(result.stdout)["analyses"]["plan_energy"].items()}
+    parts = value["settling_energy"] + value["supply_energy"] + value["readout_energy"]
+    assert 0 < value["readout_energy"] < value["plan_energy"] == pytest.approx(parts)

@@ -1,7 +1,7 @@
 """Causes of yield loss and limits of errors, against yields of chips that are described without the effect.
 
-Tests internals: `resgrid.chip.build`, `resgrid.chip.error_limits`, `resgrid.chip.report`, `resgrid.chip.yield_loss`,
-`resgrid.scene.table_models`.
+Tests internals: `resgrid.chip.build`, `resgrid.chip.error_limits`, `resgrid.chip.report`,
+`resgrid.chip.report_markdown`, `resgrid.chip.yield_loss`, `resgrid.scene.table_models`.
 """
 
 from __future__ import annotations
@@ -17,7 +17,8 @@ from support.spaces import space_of
 import resgrid as rg
 from resgrid.chip.build import chip_with
 from resgrid.chip.error_limits import bits_ladder, mismatch_ladder, offset_ladder
-from resgrid.chip.report import Effort, report_markdown, report_section
+from resgrid.chip.report import Effort, report_section
+from resgrid.chip.report_markdown import report_markdown
 from resgrid.chip.yield_loss import EFFECTS, paired_interval
 from resgrid.scene.table_models import described_keys
 

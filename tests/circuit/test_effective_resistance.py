@@ -207,6 +207,8 @@ def test_a_reduced_network_has_the_resistances_of_the_circuit() -> None:
     assert reduced.netlist.names_of([1, 4]) == ["node_3", "ground"]
     with pytest.raises(rg.InputError, match="terminals 0 and 1 are joined"):
         rg.circuit.reduce_network(netlist, [3, [3, 4]])
+    named = network([[0, 1], [1, 2]], node_names=("0", "ground", "b"))
+    assert rg.circuit.reduce_network(named, [0, 1, 2]).netlist.names_of([1, 2, 3]) == ["ground_0", "ground", "b"]
 
 
 def test_workers_threads_and_methods_give_the_same_resistances() -> None:
@@ -243,6 +245,7 @@ def test_workers_threads_and_methods_give_the_same_resistances() -> None:
         ([(0, 1)], {"terminals": [0, 1]}, "give either pairs"),
         ([((0, 1), (1, 1))], {"cells": True}, "was not compiled from a space"),
         ([(np.ones(3, dtype=np.bool_), 1)], {}, "a mask of nodes has shape"),
+        ([(0, 1)], {"method": "inverse"}, "method = 'inverse' is unknown; it may be one of auto, direct, multigrid"),
     ],
 )
 def test_rejected_terminals(pairs: object, options: dict[str, object], words: str) -> None:

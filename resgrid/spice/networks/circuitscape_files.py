@@ -20,8 +20,9 @@ from numpy.typing import NDArray
 from resgrid._internal.files import files_together, write_text
 from resgrid.core.netlist import Netlist
 from resgrid.errors import InputError
+from resgrid.spice.networks.ascii_grids import NODATA, Raster
 from resgrid.spice.networks.configurations import Configuration
-from resgrid.spice.networks.rasters import NODATA, Raster
+from resgrid.spice.networks.geotiff import write_geotiff
 
 _DECIMALS = 8
 """Number of decimals in ASCII grids."""
@@ -57,7 +58,7 @@ def output_files(
     with files_together(place.parent) as folder:
         files = OutputFiles(job, place, folder, habitat, conducting)
         if files.wants_maps:
-            files.sums = np.zeros(shape), np.zeros(shape)
+            files.sums = np.zeros((2, *shape))
         yield files
 
 
@@ -67,7 +68,8 @@ class OutputFiles:
 
     `job`: the configuration; `place`: base of the file names; `folder`: temporary folder of the files; `habitat`: place
     of the cells, None for a network; `conducting` (rows, columns): whether a cell conducts; `written`: final names of
-    the files so far; `sums`: sum and maximum of the currents, None before the first one if no map is requested.
+    the files so far; `sums` (2, rows, columns) or (2, nodes): sum and maximum of the currents so far, None if no map is
+    requested.
     """
 
     job: Configuration
@@ -76,7 +78,7 @@ class OutputFiles:
     habitat: Raster | None
     conducting: NDArray[np.bool_] | None
     written: list[Path] = field(default_factory=list)
-    sums: tuple[NDArray[np.float64] | None, NDArray[np.float64] | None] = (None, None)
+    sums: NDArray[np.float64] | None = None
 
     @property
     def wants_maps(self) -> bool:
@@ -106,12 +108,10 @@ class OutputFiles:
         self._file("resistances_3columns.out", table_text(columns, " "))
 
     def _add(self, current: NDArray[np.float64]) -> None:
-        """Add the currents of one solution to the sum and the maximum."""
-        total, largest = self.sums
-        if total is None or largest is None:
-            self.sums = current.copy(), current.copy()
-        else:
-            self.sums = total + current, np.maximum(largest, current)
+        """Add the currents of one solution to the sum and the maximum, if maps are requested."""
+        if self.sums is not None:
+            self.sums[0] += current
+            np.maximum(self.sums[1], current, out=self.sums[1])
 
     def write_maps(self, name: str, current: NDArray[np.float64], voltage: NDArray[np.float64]) -> None:
         """Write the requested maps of one solution, and add its currents.
@@ -125,10 +125,10 @@ class OutputFiles:
             self._grid(f"voltmap{name}", voltage, of_current=False)
 
     def write_sums(self) -> None:
-        """Write the maps (or, for a network, tables) of the cumulative and of the largest current, if requested."""
-        total, largest = self.sums
-        if total is None or largest is None or self.habitat is None:
+        """Write the maps of the cumulative and of the largest current, if requested; a network has none."""
+        if self.sums is None or self.habitat is None:
             return
+        total, largest = self.sums
         if self.job.flag("write_cur_maps") or self.job.flag("write_cum_cur_map_only"):
             self._grid("cum_curmap", total, of_current=True)
         if self.job.flag("write_max_cur_maps"):
@@ -146,8 +146,6 @@ class OutputFiles:
         if self.habitat.profile is None:
             self._file(f"{end}.asc", grid_text(cells, self.habitat))
             return
-        from resgrid.spice.networks.geotiff import write_geotiff
-
         write_geotiff(self._new(f"{end}.tif"), cells, self.habitat)
 
     def write_tables(

@@ -13,7 +13,7 @@ The current of a cell is the larger of the currents into its node and out of it.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import closing
 from dataclasses import dataclass
@@ -33,10 +33,17 @@ from resgrid.errors import InputError
 from resgrid.spice.networks.circuitscape_files import OutputFiles, output_files
 from resgrid.spice.networks.configurations import CONNECTIVITY, Configuration, read_configuration
 from resgrid.spice.networks.edges import read_edges
-from resgrid.spice.networks.focal_points import FocalPoints, allowed_pairs, numbers_of, read_points, strengths_of
+from resgrid.spice.networks.focal_points import (
+    allowed_pairs,
+    numbers_of,
+    read_points,
+    strengths_of,
+    whole_numbers,
+)
+from resgrid.spice.networks.landscapes import Landscape
 from resgrid.spice.networks.measurements import UNCONNECTED, Flow, Measurement, solve_measurement
-from resgrid.spice.networks.raster_networks import conductance_and_polygons, links_between, number_cells
-from resgrid.spice.networks.rasters import Raster, read_grid
+from resgrid.spice.networks.raster_networks import conductance_and_polygons
+from resgrid.spice.networks.rasters import read_raster
 
 _REFUSED = ("use_reclass_table", "compress_grids", "set_focal_node_currents_to_zero", "write_as_tif")
 """Keys of Circuitscape that are rejected by name if they are true."""
@@ -59,8 +66,8 @@ class ConnectivityResult:
         Effective resistances in ohms; -1 for pairs (in one-to-all mode, points) that are not connected or were left
         out.  In all-to-one mode the entries are 0, as in Circuitscape.
     cumulative_current : ndarray of float64, or None
-        Sum of the currents of all solutions in amperes, shape (rows, columns) or (nodes,); None if no current map was
-        requested.
+        Sum of the currents of all solutions in amperes, shape (rows, columns) or (nodes,); None if the configuration
+        requests no maps.
     maximum_current : ndarray of float64, or None
         Largest current of all solutions, in the shape of `cumulative_current`.
     files : tuple of pathlib.Path
@@ -88,47 +95,6 @@ class ConnectivityResult:
     cumulative_current: NDArray[np.float64] | None
     maximum_current: NDArray[np.float64] | None
     files: tuple[Path, ...] = ()
-
-
-@dataclass(frozen=True, eq=False)
-class _Landscape:
-    """Conductances of the cells and focal points of a raster job.
-
-    `job`: the configuration; `habitat`: place of the cells; `conductance`, `polygon` (rows, columns): in S, and number
-    of the short-circuit region, 0 for none; `points`: the focal points.
-    """
-
-    job: Configuration
-    habitat: Raster
-    conductance: NDArray[np.float64]
-    polygon: NDArray[np.float64]
-    points: FocalPoints
-
-    def circuit(self, regions: tuple[int, ...]) -> tuple[Netlist, NDArray[np.int64]]:
-        """Return the circuit in which polygons and some focal regions are single nodes, and the node of every cell.
-
-        `regions`: indices of the focal points that are joined.  A region and the polygons that it overlaps are one
-        node.
-        """
-        labels = self.polygon.ravel().copy()
-        for number in regions:
-            cells = self.points.cells[number]
-            if len(cells) > 1:
-                label, touched = labels.max() + 1.0, np.unique(labels[cells])
-                labels[np.isin(labels, touched[touched != 0])] = label
-                labels[cells] = label
-        node, names = number_cells(self.conductance, labels.reshape(self.polygon.shape))
-        edges, siemens = links_between(
-            self.conductance,
-            node,
-            mean_resistance=self.job.flag("connect_using_avg_resistances"),
-            diagonals=not self.job.flag("connect_four_neighbors_only"),
-        )
-        return Netlist(len(names), edges, siemens), node
-
-    def node_of(self, node: NDArray[np.int64], number: int) -> int:
-        """Return the node of a focal point, -1 without a conducting cell; `node`: node of every cell."""
-        return int(node.ravel()[self.points.cells[number][0]])
 
 
 def run_circuitscape(
@@ -212,34 +178,32 @@ def _run_raster(
     job: Configuration, output: str | os.PathLike[str] | None, executor: Executor | None, progress: Count | None
 ) -> ConnectivityResult:
     """Return the result of a raster job; the arguments are those of `run_circuitscape`."""
-    habitat = read_grid(job.file("habitat_file"))
+    habitat = read_raster(job.file("habitat_file"))
     points = read_points(job.file("point_file"), habitat)
     if len(points.ids) < 2:
         raise InputError(f"{job.file('point_file')}: a job needs at least two focal points, got {len(points.ids)}")
     named, allowed = allowed_pairs(job, points.ids)
-    land = _Landscape(job, habitat, *conductance_and_polygons(job), points.only(named))
+    land = Landscape(job, *conductance_and_polygons(job, habitat), points.only(named))
     with output_files(job, output, habitat, land.conductance > 0, land.conductance.shape) as files:
         return _solve_raster(land, allowed, files, executor, progress)
 
 
 def _solve_raster(
-    land: _Landscape, allowed: NDArray[np.bool_], files: OutputFiles, executor: Executor | None,
+    land: Landscape, allowed: NDArray[np.bool_], files: OutputFiles, executor: Executor | None,
     progress: Count | None,
 ) -> ConnectivityResult:  # fmt: skip
     """Solve a raster job, write its files, and return its result; `allowed` (k, k): which pairs are measured."""
     job, points, count = land.job, land.points, len(land.points.ids)
     if job.scenario == "pairwise":
-        pairs = [(i, j) for i in range(count) for j in range(i + 1, count) if allowed[i, j]]
-        resistance = np.where(np.eye(count, dtype=np.bool_), 0.0, UNCONNECTED)
-        if not points.has_regions and not files.wants_maps:
-            _fill_shared(land, pairs, resistance, executor, progress)
-            return _finished(job, points.ids, resistance, files)
-        names = [f"_{points.ids[i]}_{points.ids[j]}" for i, j in pairs]
-        for (i, j), ohms in zip(
-            pairs, _solutions(land, pairs, _pair_measurement, names, files, executor, progress), strict=True
-        ):
-            resistance[i, j] = resistance[j, i] = ohms
-        return _finished(job, points.ids, resistance, files)
+        pairs = _pairs_of(allowed)
+        if points.has_regions or files.wants_maps:
+            names = [f"_{points.ids[i]}_{points.ids[j]}" for i, j in pairs]
+            ohms = list(_solutions(land, pairs, _pair_measurement, names, files, executor, progress))
+        else:
+            netlist, node = land.circuit(())
+            nodes = [land.node_of(node, number) for number in range(count)]
+            ohms = _resistances_of(netlist, [(nodes[i], nodes[j]) for i, j in pairs], executor, progress)
+        return _finished(job, points.ids, _matrix_of(count, pairs, ohms), files)
     amps = strengths_of(job, points.ids)
     jobs = [(i, *np.flatnonzero(allowed[i]).tolist()) for i in range(count)]
     make = partial(_one_to_all if job.scenario == "one-to-all" else _all_to_one, amps)
@@ -256,28 +220,36 @@ def _finished(
     """Write the last files of a job, and return its result."""
     files.write_resistances(points, resistance)
     files.write_sums()
-    total, largest = files.sums
+    total, largest = (None, None) if files.sums is None else files.sums
     return ConnectivityResult(job.scenario, points, resistance, total, largest, tuple(files.written))
 
 
-def _fill_shared(
-    land: _Landscape, pairs: list[tuple[int, int]], resistance: NDArray[np.float64], executor: Executor | None,
-    progress: Count | None,
-) -> None:  # fmt: skip
-    """Write the resistances of pairs of single cells to a matrix (k, k), from one factorization."""
-    netlist, node = land.circuit(())
-    places = [land.node_of(node, number) for number in range(len(land.points.ids))]
-    within = [(i, j) for i, j in pairs if places[i] >= 0 and places[j] >= 0]
-    if not within:
-        return
-    wanted = [(places[i], places[j]) for i, j in within]
-    found = effective_resistance(netlist, wanted, executor=executor, progress=progress).resistance
-    for (i, j), ohms in zip(within, found.tolist(), strict=True):
-        resistance[i, j] = resistance[j, i] = ohms if np.isfinite(ohms) else UNCONNECTED
+def _pairs_of(allowed: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Return the pairs of points that are measured, the smaller index first; `allowed` (k, k): symmetric mask."""
+    first, second = np.nonzero(np.triu(allowed, 1))
+    return list(zip(first.tolist(), second.tolist(), strict=True))
+
+
+def _matrix_of(count: int, pairs: list[tuple[int, int]], ohms: list[float]) -> NDArray[np.float64]:
+    """Return the symmetric matrix of the resistances of `pairs`, (count, count); -1 for all other pairs."""
+    matrix = np.where(np.eye(count, dtype=np.bool_), 0.0, UNCONNECTED)
+    for (i, j), value in zip(pairs, ohms, strict=True):
+        matrix[i, j] = matrix[j, i] = value
+    return matrix
+
+
+def _resistances_of(
+    netlist: Netlist, pairs: list[tuple[int, int]], executor: Executor | None, progress: Count | None
+) -> list[float]:
+    """Return the resistances of pairs of nodes, from one factorization; -1 without a connection or with a node -1."""
+    within = [pair for pair in pairs if min(pair) >= 0]
+    found = effective_resistance(netlist, within, executor=executor, progress=progress).resistance
+    ohms = dict(zip(within, np.where(np.isfinite(found), found, UNCONNECTED).tolist(), strict=True))
+    return [ohms.get(pair, UNCONNECTED) for pair in pairs]
 
 
 def _solutions(
-    land: _Landscape, items: list[Any], make: Any, names: list[str], files: OutputFiles, executor: Executor | None,
+    land: Landscape, items: list[Any], make: Any, names: list[str], files: OutputFiles, executor: Executor | None,
     progress: Count | None,
 ) -> Iterator[float]:  # fmt: skip
     """Solve all measurements, write their maps, and yield their resistances.
@@ -285,16 +257,29 @@ def _solutions(
     `items`: arguments of the function `make`, which returns a `Measurement` of a landscape; `names`: ends of the names
     of the maps.
     """
-    part = JobPart(_solve_items, (land, make), items, "solutions")
+    for name, (flow, node) in zip(names, _flows(land, make, items, executor, progress), strict=True):
+        assert node is not None
+        if flow is not None:
+            files.write_maps(name, _on_cells(flow.node_current, node), _on_cells(flow.voltage, node))
+        elif land.job.scenario != "pairwise":  # as Circuitscape
+            files.write_maps(name, np.zeros(node.shape), np.zeros(node.shape))
+        yield UNCONNECTED if flow is None else flow.resistance
+
+
+def _flows(
+    shared: Any, make: Any, items: Sequence[Any], executor: Executor | None, progress: Count | None
+) -> Iterator[tuple[Flow | None, NDArray[np.int64] | None]]:
+    """Yield the solution of every measurement, None without a connection, and the node of every cell (rasters only).
+
+    `make`: function that returns the `Measurement` of `shared` (a landscape or a netlist) and an item; `items`: pairs,
+    or points.
+    """
+    part = JobPart(_solve_items, (shared, make), items, "solutions")
     with closing(in_order([part], executor)) as results:
-        for number, (name, (flow, node)) in enumerate(zip(names, results, strict=True), 1):
-            if flow is not None:
-                files.write_maps(name, _on_cells(flow.node_current, node), _on_cells(flow.voltage, node))
-            elif land.job.scenario != "pairwise":  # as Circuitscape
-                files.write_maps(name, np.zeros(node.shape), np.zeros(node.shape))
+        for number, result in enumerate(results, 1):
             if progress is not None:
                 progress(number, len(items))
-            yield UNCONNECTED if flow is None else flow.resistance
+            yield result
 
 
 def _on_cells(values: NDArray[np.float64], node: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -305,24 +290,20 @@ def _on_cells(values: NDArray[np.float64], node: NDArray[np.int64]) -> NDArray[n
     return np.where(node >= 0, values[node], 0.0)
 
 
-def _solve_items(shared: tuple[_Landscape, Any], items: list[Any]) -> list[tuple[Flow | None, NDArray[np.int64]]]:
-    """Return the solution of every measurement, None without a connection, and the node of every cell."""
-    land, make = shared
-    results = []
-    for item in items:
-        measured = make(land, item)
-        results.append((solve_measurement(measured), measured.node))
-    return results
+def _solve_items(shared: tuple[Any, Any], items: Sequence[Any]) -> list[tuple[Flow | None, NDArray[np.int64] | None]]:
+    """Return the solutions of some measurements; the arguments and results are those of `_flows`."""
+    place, make = shared
+    return [(solve_measurement(measured), measured.node) for measured in (make(place, item) for item in items)]
 
 
-def _pair_measurement(land: _Landscape, pair: tuple[int, int]) -> Measurement:
+def _pair_measurement(land: Landscape, pair: tuple[int, int]) -> Measurement:
     """Return the measurement of a pair: 1 A from the second point to the first."""
     netlist, node = land.circuit(pair)
     first, second = (land.node_of(node, number) for number in pair)
     return Measurement(netlist, (second,), (1.0,), (first,), node)
 
 
-def _one_to_all(amps: NDArray[np.float64], land: _Landscape, item: tuple[int, ...]) -> Measurement:
+def _one_to_all(amps: NDArray[np.float64], land: Landscape, item: tuple[int, ...]) -> Measurement:
     """Return the measurement from one point to others; `item`: the point and the others; `amps`: strengths in A."""
     netlist, node = land.circuit(item)
     ends = [land.node_of(node, number) for number in item]
@@ -330,7 +311,7 @@ def _one_to_all(amps: NDArray[np.float64], land: _Landscape, item: tuple[int, ..
     return Measurement(netlist, (ends[0],), (float(amps[item[0]]),), grounds, node)
 
 
-def _all_to_one(amps: NDArray[np.float64], land: _Landscape, item: tuple[int, ...]) -> Measurement:
+def _all_to_one(amps: NDArray[np.float64], land: Landscape, item: tuple[int, ...]) -> Measurement:
     """Return the measurement from others to one point; `item`: the point and the others; `amps`: strengths in A."""
     netlist, node = land.circuit(item)
     ground = land.node_of(node, item[0])
@@ -347,27 +328,30 @@ def _run_network(
     """Return the result of a pairwise network job; the arguments are those of `run_circuitscape`."""
     network = read_edges(job.file("habitat_file"), measure=job.measure("habitat_map_is_resistances"), absent_edges=True)
     netlist = Netlist(len(network.names), network.edges, network.conductance, node_names=tuple(network.names))
-    ids = numbers_of(job.file("point_file"), 1).ravel().astype(np.int64)
+    ids = whole_numbers(job.file("point_file"), numbers_of(job.file("point_file"), 1).ravel())
     names = [str(number) for number in ids.tolist()]
     number_of = {name: node for node, name in enumerate(network.names)}
     missing = [name for name in names if name not in number_of]
     if missing or len(set(names)) < 2:
         words = f"its node {missing[0]} is not in the network" if missing else "a job needs two different focal nodes"
         raise InputError(f"{job.file('point_file')}: {words}")
-    points, allowed = np.unique(ids), None
-    points, allowed = allowed_pairs(job, points)
-    count = len(points)
-    pairs = [(i, j) for i in range(count) for j in range(i + 1, count) if allowed[i, j]]
+    points, allowed = allowed_pairs(job, np.unique(ids))
     nodes = [number_of[str(number)] for number in points.tolist()]
-    resistance = np.where(np.eye(count, dtype=np.bool_), 0.0, UNCONNECTED)
+    pairs = _pairs_of(allowed)
     wanted = [(nodes[i], nodes[j]) for i, j in pairs]
-    found = effective_resistance(netlist, wanted, executor=executor, progress=progress).resistance
-    for (i, j), ohms in zip(pairs, found.tolist(), strict=True):
-        resistance[i, j] = resistance[j, i] = ohms if np.isfinite(ohms) else UNCONNECTED
     with output_files(job, output, None, None, (netlist.node_count,)) as files:
-        for i, j in pairs if files.wants_maps else ():
-            flow = solve_measurement(Measurement(netlist, (nodes[j],), (1.0,), (nodes[i],), None))
+        if not files.wants_maps:
+            ohms = _resistances_of(netlist, wanted, executor, progress)
+            return _finished(job, points, _matrix_of(len(points), pairs, ohms), files)
+        ohms = []
+        for (i, j), (flow, _) in zip(pairs, _flows(netlist, _between_nodes, wanted, executor, progress), strict=True):
+            ohms.append(UNCONNECTED if flow is None else flow.resistance)
             if flow is not None:
                 files.write_tables(f"_{points[i]}_{points[j]}", netlist, flow.voltage, flow.node_current,
                                    flow.resistor_current)  # fmt: skip
-        return _finished(job, points, resistance, files)
+        return _finished(job, points, _matrix_of(len(points), pairs, ohms), files)
+
+
+def _between_nodes(netlist: Netlist, pair: tuple[int, int]) -> Measurement:
+    """Return the measurement of a pair of nodes: 1 A from the second node to the first."""
+    return Measurement(netlist, (pair[1],), (1.0,), (pair[0],), None)

@@ -9,9 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import InputError
+from resgrid.spice.networks.ascii_grids import Raster
 from resgrid.spice.networks.configurations import Configuration
-from resgrid.spice.networks.rasters import Raster, read_grid
+from resgrid.spice.networks.geotiff import is_geotiff
+from resgrid.spice.networks.rasters import read_cells
 from resgrid.spice.read.files import read_text
+
+_MOST = 2.0**53
+"""Largest number up to which all whole numbers are floating-point numbers."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +62,17 @@ def numbers_of(path: Path, columns: int | None, *, skip: int = 0) -> NDArray[np.
     return np.array(rows, dtype=np.float64).reshape(len(rows), len(rows[0]) if rows else columns or 0)
 
 
+def whole_numbers(path: Path, values: NDArray[np.float64], kind: str = "focal point") -> NDArray[np.int64]:
+    """Return the values of a file as integers; raise InputError for a value that is not whole, or above 2**53.
+
+    `kind`: name of the numbered thing in the message.
+    """
+    wrong = (values != np.rint(values)) | (np.abs(values) > _MOST)
+    if wrong.any():
+        raise InputError(f"{path}: the number of a {kind}, {values[wrong][0]:g}, is not a whole number up to 2**53")
+    return values.astype(np.int64)
+
+
 def read_points(path: Path, habitat: Raster) -> FocalPoints:
     """Return the focal points of a raster, or of a list of lines ``number x y``; raise InputError for a wrong place.
 
@@ -64,18 +80,13 @@ def read_points(path: Path, habitat: Raster) -> FocalPoints:
     """
     rows, columns = habitat.cells.shape
     if _is_raster(path):
-        other = read_grid(path).cells
-        if other.shape != habitat.cells.shape:
-            raise InputError(
-                f"{path} has {other.shape[0]} x {other.shape[1]} cells, but the habitat has {rows} x {columns}"
-            )
-        number = np.nan_to_num(other)
+        number = np.nan_to_num(read_cells(path, habitat.cells.shape))
         column, row = np.nonzero(number.T > 0)
         ids = number[row, column]
     else:
         ids, x, y = numbers_of(path, 3).T
-        row = np.ceil(rows - (y - habitat.corner[1]) / habitat.size).astype(np.int64) - 1
-        column = np.ceil((x - habitat.corner[0]) / habitat.size).astype(np.int64) - 1
+        row = np.ceil(rows - (y - habitat.corner[1]) / habitat.size) - 1
+        column = np.ceil((x - habitat.corner[0]) / habitat.size) - 1
         outside = (row < 0) | (column < 0) | (row >= rows) | (column >= columns)
         if outside.any():
             first = int(np.argmax(outside))
@@ -83,16 +94,15 @@ def read_points(path: Path, habitat: Raster) -> FocalPoints:
                 f"{path}: focal point {ids[first]:g} at ({x[first]:g}, {y[first]:g}) is not on the habitat"
             )
         row, column, ids = row[ids > 0], column[ids > 0], ids[ids > 0]
-    if np.any(ids != np.rint(ids)):
-        raise InputError(f"{path}: the number of a focal point is not a whole number")
-    flat = row * columns + column
-    different = np.unique(ids)
-    return FocalPoints(different.astype(np.int64), tuple(flat[ids == one].astype(np.int64) for one in different))
+    numbers = whole_numbers(path, ids)
+    flat = (row * columns + column).astype(np.int64)
+    different = np.unique(numbers)
+    return FocalPoints(different, tuple(flat[numbers == one] for one in different))
 
 
 def _is_raster(path: Path) -> bool:
     """Return whether a file is a GeoTIFF or an ASCII grid, and not a list of points."""
-    return path.suffix.lower() in (".tif", ".tiff") or read_text(path).lstrip()[:5].lower() == "ncols"
+    return is_geotiff(path) or read_text(path).lstrip()[:5].lower() == "ncols"
 
 
 def allowed_pairs(job: Configuration, ids: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
@@ -108,7 +118,7 @@ def allowed_pairs(job: Configuration, ids: NDArray[np.int64]) -> tuple[NDArray[n
     if head[:1] == ["mode"] and len(head) > 1:
         if head[1] not in ("include", "exclude"):
             raise InputError(f"{path}:1: mode {head[1]!r} is neither include nor exclude")
-        listed = numbers_of(path, 2, skip=1).astype(np.int64)
+        listed = whole_numbers(path, numbers_of(path, 2, skip=1))
         named = np.unique(listed[listed != 0])
         chosen = np.zeros((len(named), len(named)), dtype=np.bool_)
         both = (listed != 0).all(axis=1)
@@ -117,11 +127,14 @@ def allowed_pairs(job: Configuration, ids: NDArray[np.int64]) -> tuple[NDArray[n
         included = chosen if head[1] == "include" else ~chosen
     elif head[:1] == ["min"]:
         lines = read_text(path).split("\n")
-        least, most = (float(line.split()[1]) for line in lines[:2])
+        try:
+            least, most = (float(line.split()[1]) for line in lines[:2])
+        except (IndexError, ValueError):
+            raise InputError(f"{path}:1: the first two lines are not 'min' and 'max' with one number each") from None
         table = numbers_of(path, None, skip=2)
         if not table.size:
             raise InputError(f"{path}: the table of pairs is empty; add a row with the numbers of the points")
-        named, value = table[1:, 0].astype(np.int64), table[1:, 1:]
+        named, value = whole_numbers(path, table[1:, 0]), table[1:, 1:]
         if value.shape != (len(named), len(named)):
             raise InputError(f"{path}: the table has {value.shape[0]} rows and {value.shape[1]} columns of values")
         within = (value >= least) & (value <= most)

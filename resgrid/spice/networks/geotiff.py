@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,9 +11,12 @@ from numpy.typing import NDArray
 from resgrid._internal.extras import install_command
 from resgrid._internal.files import atomic_path
 from resgrid.errors import InputError, ToolMissingError
+from resgrid.spice.networks.ascii_grids import NODATA, Raster
 
-if TYPE_CHECKING:
-    from resgrid.spice.networks.rasters import Raster
+
+def is_geotiff(path: Path) -> bool:
+    """Return whether a file has the suffix of a GeoTIFF."""
+    return path.suffix.lower() in (".tif", ".tiff")
 
 
 def _rasterio() -> Any:
@@ -27,8 +30,6 @@ def _rasterio() -> Any:
 
 def read_geotiff(path: Path) -> Raster:
     """Return the first band of a GeoTIFF; raise InputError for another file or for cells that are not square."""
-    from resgrid.spice.networks.rasters import NODATA, Raster
-
     rasterio = _rasterio()
     try:
         with rasterio.open(path) as source:
@@ -48,7 +49,7 @@ def write_geotiff(path: Path, cells: NDArray[np.float64], raster: Raster) -> Pat
     rasterio = _rasterio()
     rows, columns = cells.shape
     with atomic_path(path) as temporary, rasterio.open(
-        temporary, "w", driver="GTiff", height=rows, width=columns, count=1, dtype="float32", nodata=-9999.0,
+        temporary, "w", driver="GTiff", height=rows, width=columns, count=1, dtype="float32", nodata=NODATA,
         **dict(raster.profile or {}),
     ) as target:  # fmt: skip
         target.write(cells.astype(np.float32), 1)

@@ -33,8 +33,8 @@ class Measurement(NamedTuple):
 class Flow(NamedTuple):
     """Values of one solution.
 
-    `resistance`: voltage of the first source divided by its current, in ohms, -1 without a connection; `voltage`,
-    `node_current` (nodes,): in V and A, 0 in other components; `resistor_current` (resistors,): in A.
+    `resistance`: voltage of the first source divided by its current, in ohms; `voltage`, `node_current` (nodes,): in V
+    and A, 0 in other components; `resistor_current` (resistors,): in A.
     """
 
     resistance: float

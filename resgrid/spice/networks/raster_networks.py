@@ -12,52 +12,42 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import InputError
+from resgrid.spice.networks.ascii_grids import Raster
 from resgrid.spice.networks.configurations import Configuration
 from resgrid.spice.networks.edges import Measure
-from resgrid.spice.networks.rasters import read_raster
+from resgrid.spice.networks.focal_points import whole_numbers
+from resgrid.spice.networks.rasters import read_cells
 
 
-def raster_of(job: Configuration, key: str, shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """Return the cells of the raster that a key names, shape (rows, columns), NaN for empty cells.
-
-    `shape`: shape of the habitat file.  Raises InputError if the raster has another shape.
-    """
-    other = read_raster(job.file(key))
-    if other.shape != shape:
-        sizes = (f"{rows} x {columns} cells" for rows, columns in (other.shape, shape))
-        raise InputError(f"{job.file(key)} has {next(sizes)}, but the habitat has {next(sizes)}")
-    return other
-
-
-def conductance_and_polygons(job: Configuration) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def conductance_and_polygons(job: Configuration, habitat: Raster) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the conductance of every cell in S, and the number of its polygon, (rows, columns) each; 0 for none.
 
-    Cells that the mask removes have no conductance.  Raises InputError if no cell remains, or for a polygon whose
-    number is not whole.
+    `job`: the configuration; `habitat`: raster of its key ``habitat_file``.  Cells that the mask removes have no
+    conductance.  Raises InputError if no cell remains, or for a polygon whose number is not whole.
     """
-    conductance = habitat_conductance(job)
+    conductance = _habitat_conductance(job, habitat.cells)
     if job.flag("use_mask"):
-        conductance = np.where(raster_of(job, "mask_file", conductance.shape) > 0, conductance, 0.0)
+        conductance = np.where(read_cells(job.file("mask_file"), conductance.shape) > 0, conductance, 0.0)
         if not conductance.any():
             raise InputError(f"{job.file('mask_file')} removes all cells of the habitat; only cells above 0 are kept")
     polygon = np.zeros(conductance.shape)
     if job.flag("use_polygons"):
-        polygon = np.nan_to_num(raster_of(job, "polygon_file", conductance.shape))
-        if np.any(polygon != np.rint(polygon)):
-            raise InputError(f"{job.file('polygon_file')}: the number of a polygon is not a whole number")
+        polygon = np.nan_to_num(read_cells(job.file("polygon_file"), conductance.shape))
+        whole_numbers(job.file("polygon_file"), polygon, "polygon")
     return conductance, polygon
 
 
-def habitat_conductance(job: Configuration) -> NDArray[np.float64]:
+def _habitat_conductance(job: Configuration, habitat: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the conductance of every cell of the habitat file in S, shape (rows, columns), 0 for an empty cell.
 
-    `job`: the configuration.  Raises InputError for a negative value and for 0 ohm.
+    `job`: the configuration; `habitat` (rows, columns): values of the file.  Raises InputError for a negative value and
+    for 0 ohm.
     """
-    path = job.file("habitat_file")
-    habitat, measure = read_raster(path), job.measure("habitat_map_is_resistances")
+    measure = job.measure("habitat_map_is_resistances")
     wrong = (habitat < 0) | ((habitat == 0) & (measure == "resistance"))
     if wrong.any():
         row, column = np.argwhere(wrong)[0].tolist()
+        path = job.file("habitat_file")
         raise InputError(
             f"{path}: the cell in row {row}, column {column} (from 0) has a {measure} of {habitat[row, column]:g}; "
             "define regions without resistance as short-circuit polygons"
@@ -84,9 +74,11 @@ def number_cells(conductance: NDArray[np.float64], polygon: NDArray[np.float64])
     conducts = conductance > 0
     cell = np.arange(conductance.size).reshape(conductance.shape)
     leader = np.where(conducts, cell, -1)
-    for region in np.unique(polygon[(polygon != 0) & conducts]).tolist():
-        members = polygon == region
-        leader[members] = cell[members & conducts].min()
+    inside = polygon != 0
+    regions, region = np.unique(polygon[inside], return_inverse=True)
+    first = np.full(len(regions), conductance.size)
+    np.minimum.at(first, region, np.where(conducts, cell, conductance.size)[inside])
+    leader[inside] = np.where(first < conductance.size, first, -1)[region]
     leaders, node = np.unique(leader[leader >= 0], return_inverse=True)
     numbers = np.full(conductance.shape, -1, dtype=np.int64)
     numbers[leader >= 0] = node + 1

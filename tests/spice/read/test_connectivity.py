@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -294,6 +295,13 @@ def test_a_network_job_writes_its_tables() -> None:
     np.testing.assert_allclose(np.loadtxt("there/net_node_currents_0_2.txt")[:3, 1], [1, 0.25, 1])
     branches = np.loadtxt("there/net_branch_currents_0_2.txt")
     np.testing.assert_allclose(branches[:3], [[0, 1, 0.25], [0, 2, 0.75], [1, 2, 0.25]])
+    steps: list[tuple[int, int]] = []
+    with ThreadPoolExecutor(2) as pool:
+        shared = rg.spice.run_circuitscape(
+            "net.ini", "shared", executor=pool, progress=lambda *step: steps.append(step)
+        )
+    np.testing.assert_array_equal(shared.resistance, done.resistance)
+    assert steps == [(1, 3), (2, 3), (3, 3)]
 
 
 @pytest.mark.filterwarnings("ignore::PendingDeprecationWarning")
@@ -332,6 +340,13 @@ def test_geotiff_rasters_give_geotiff_maps() -> None:
         ({"point_file": "single.txt"}, "at least two focal points, got 1"),
         ({"use_included_pairs": True, "included_pairs_file": "words.txt"}, "its first line is neither"),
         ({"use_included_pairs": True, "included_pairs_file": "table.txt"}, "the table of pairs is empty"),
+        (
+            {"use_included_pairs": True, "included_pairs_file": "range.txt"},
+            "range.txt:1: the first two lines are",
+        ),
+        ({"use_included_pairs": True, "included_pairs_file": "half.txt"}, "a focal point, 2.5, is not a whole number"),
+        ({"point_file": "large.txt"}, r"large.txt: the number of a focal point, 1e\+300, is not a whole number"),
+        ({"point_file": "beyond.txt"}, r"focal point 2 at \(1e\+300, 21\) is not on the habitat"),
         ({"point_file": "empty.txt"}, "empty.txt: a job needs at least two focal points, got 0"),
         ({"output_file": "gone/job.out"}, "is in no existing folder; make .*gone' first"),
     ],
@@ -342,6 +357,10 @@ def test_rejected_jobs(keys: dict[str, object], words: str) -> None:
     Path("single.txt").write_text("1 11 21\n")
     Path("empty.txt").write_text("\n")
     Path("table.txt").write_text("min 1\nmax 2\n")
+    Path("range.txt").write_text("min\nmax 2\n")
+    Path("half.txt").write_text("mode include\n1 2.5\n")
+    Path("large.txt").write_text("1 11 21\n1e300 13 21\n")
+    Path("beyond.txt").write_text("1 11 21\n2 1e300 21\n")
     scenario = str(keys.get("scenario", "pairwise"))
     with pytest.raises(rg.InputError, match=words):
         job(scenario, **{key: value for key, value in keys.items() if key != "scenario"})
