@@ -6,13 +6,12 @@ import os
 import shutil
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from math import cos, sin
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 from resgrid._internal.files import temporary_place
 from resgrid.errors import InputError
-from resgrid.io.ros_paths import path_poses
+from resgrid.io.ros_paths import path_poses, ros_quaternion, ros_time
 from resgrid.planning.stream_planner import StreamedPath
 from resgrid.scene.recordings.recording import BASE_FRAMES
 from resgrid.scene.recordings.snapshot import MapSnapshot
@@ -73,7 +72,7 @@ class BagWriter:
 
     def header(self, stamp: int, frame_id: str) -> Any:
         """Return a header; `stamp`: time in nanoseconds."""
-        time = self.new("builtin_interfaces/msg/Time", sec=stamp // 10**9, nanosec=stamp % 10**9)
+        time = self.new("builtin_interfaces/msg/Time", **ros_time(stamp))
         sequence = {"seq": 0} if self._ros == 1 else {}
         return self.new("std_msgs/msg/Header", **sequence, stamp=time, frame_id=frame_id)
 
@@ -84,7 +83,7 @@ class BagWriter:
 
     def turn(self, yaw: float) -> Any:
         """Return the quaternion of a heading in radians."""
-        return self.new("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=sin(yaw / 2), w=cos(yaw / 2))
+        return self.new("geometry_msgs/msg/Quaternion", **ros_quaternion(yaw))
 
     def new(self, kind: str, **values: Any) -> Any:
         """Return a message of a type with the given values."""
