@@ -14,6 +14,7 @@ from resgrid.errors import InputError
 from resgrid.io.ros_paths import Timed, require_reached, ros_time, to_ros_path
 from resgrid.planning.time_parameterization import Trajectory
 
+
 def message_of(path: Timed, *, heading: float | None = None, fixed_joints: bool = False) -> str:
     """Return a path as the text of a message for ROS: a JointTrajectory for robots with named joints, else a Path.
 

@@ -22,6 +22,7 @@ from resgrid.scene.recordings.storage import (
     Bag,
     Storage,
     open_bag,
+    short_type,
 )
 from resgrid.scene.recordings.transforms import TransformBuffer, UncoveredError, read_transforms
 
@@ -265,14 +266,15 @@ def _topic(bag: Bag, name: str | None, kinds: Sequence[str], noun: str, option: 
     the topic, for messages; `option`: name of the option; `ends`: last parts of names that an unnamed topic must have.
     """
     known = _names(bag, kinds)
-    short = " or ".join(kind.replace("/msg/", "/") for kind in kinds)
+    short = " or ".join(map(short_type, kinds))
     if name is not None:
         found = next((each for each in (name, f"/{name}", name.removeprefix("/")) if each in bag.topics), None)
         if found in known:
             return str(found)
         if found is not None:
-            kind = bag.topics[found].kind.replace("/msg/", "/")
-            problem = f"topic {found} has messages of type {kind}, but {noun} need {short}"
+            problem = (
+                f"topic {found} has messages of type {short_type(bag.topics[found].kind)}, but {noun} need {short}"
+            )
         else:
             problem = f"there is no topic {name}"
         hint = suggestion(name, known)
@@ -289,7 +291,7 @@ def _topic(bag: Bag, name: str | None, kinds: Sequence[str], noun: str, option: 
         )
     if not any(topic.count for topic in bag.topics.values()):
         raise InputError(f"{bag.path}: the recording has no messages; record it again")
-    has = ", ".join(f"{each} ({topic.kind.replace('/msg/', '/')})" for each, topic in sorted(bag.topics.items())[:12])
+    has = ", ".join(f"{each} ({short_type(topic.kind)})" for each, topic in sorted(bag.topics.items())[:12])
     raise InputError(f"{bag.path}: no topic has {noun} (type {short}); name one with {option}; topics: {has}")
 
 
