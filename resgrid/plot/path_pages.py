@@ -20,14 +20,11 @@ from resgrid.plot.plane import Cut, plane_of, unknown_cells
 from resgrid.plot.slices import slice_title
 from resgrid.plot.space_view import subdivided
 from resgrid.plot.style import TEXT
-from resgrid.plot.voxels import draw_voxels, points_of
+from resgrid.plot.voxels import PIECES, draw_voxels, points_of
 from resgrid.robots.voxel_surfaces import is_voxel_world
 
 _SLICES = 3
 """Largest number of horizontal slices below the picture of the surface."""
-
-_PIECES = 24
-"""Number of pieces into which each segment of a path is divided to find its median height."""
 
 
 def draw_path(
@@ -78,7 +75,7 @@ def draw_line(
     return plane_paths.draw_line(path, ax, axis=axis, indices=indices)
 
 
-def is_streamlines(paths: Sequence[AnyPath]) -> TypeGuard[Sequence[Streamline]]:
+def _are_streamlines(paths: Sequence[AnyPath]) -> TypeGuard[Sequence[Streamline]]:
     """Return whether all paths are streamlines."""
     return all(isinstance(path, Streamline) for path in paths)
 
@@ -93,7 +90,7 @@ def draw_voxel_page(
     cells of unknown occupancy.
     """
     space = paths[0].space
-    layer = path_layer(paths, k) if is_streamlines(paths) else line_layer(paths)
+    layer = path_layer(paths, k) if _are_streamlines(paths) else line_layer(paths)
     cuts = _cuts_through(paths, space)
     planes = [plane_of(space, cut) for cut in cuts]
     below = panel_height(PAGE / _SLICES - 0.6, max(plane.aspect for plane in planes)) - 0.4
@@ -117,7 +114,7 @@ def draw_voxel_page(
 def _cuts_through(paths: Sequence[AnyPath], space: ConfigurationSpace) -> list[Cut]:
     """Return horizontal slices at heights of paths: start and end of the first one, its extreme and median heights."""
     path, axis = paths[0], space.axes[2]
-    line = subdivided(points_of(path, space), _PIECES)
+    line = subdivided(points_of(path, space), PIECES)
     heights = np.clip(np.floor((line[:, 2] - axis.lower) / axis.spacing).astype(int), 0, axis.cells - 1)
     ends = [int(heights[0]), int(path.cells[-1][2]) if isinstance(path, Streamline) else int(heights[-1])]
     extremes = sorted(
