@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TypeGuard
+from typing import Any, TypeGuard
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -15,12 +15,12 @@ from resgrid.planning.streamline import AnyPath, Polyline, ShortPath, Streamline
 from resgrid.plot import paths as plane_paths
 from resgrid.plot.figures import PAGE, new_figure, panel_height
 from resgrid.plot.panels import Panel, add_figure_legend, draw_known, paint_unknown, painter
-from resgrid.plot.paths import line_layer, path_layer
+from resgrid.plot.paths import blend_label, line_layer, path_layer
 from resgrid.plot.plane import Cut, plane_of, unknown_cells
 from resgrid.plot.slices import slice_title
 from resgrid.plot.space_view import subdivided
-from resgrid.plot.style import TEXT
-from resgrid.plot.voxels import PIECES, draw_voxels, points_of
+from resgrid.plot.style import TEXT, blend_styles
+from resgrid.plot.voxels import PIECES, draw_paths_in_view, points_of
 from resgrid.robots.voxel_surfaces import is_voxel_world
 
 _SLICES = 3
@@ -91,13 +91,14 @@ def draw_voxel_page(
     """
     space = paths[0].space
     layer = path_layer(paths, k) if _are_streamlines(paths) else line_layer(paths)
+    styles = _styles_of([None] * len(paths) if k is None else k)
     cuts = _cuts_through(paths, space)
     planes = [plane_of(space, cut) for cut in cuts]
     below = panel_height(PAGE / _SLICES - 0.6, max(plane.aspect for plane in planes)) - 0.4
     above = 0.62 * PAGE
     figure = new_figure(PAGE, above + below + 0.5)
     grid = figure.add_gridspec(2, len(cuts), height_ratios=[above, below])
-    surface = draw_voxels(space, paths, figure.add_subplot(grid[0, :]), unknown=unknown)
+    surface = draw_paths_in_view(space, paths, styles, figure.add_subplot(grid[0, :]), unknown=unknown)
     legend = surface.get_legend()
     if legend is not None:
         legend.remove()
@@ -109,6 +110,16 @@ def draw_voxel_page(
         layer(panel)
     add_figure_legend(figure, [Panel(space, surface, None), *panels])
     return figure
+
+
+def _styles_of(k: Sequence[float | None]) -> list[dict[str, Any]]:
+    """Return the legend entry and matplotlib's options for each path in the picture of the surface.
+
+    `k`: weight k of the Dirichlet field of each path, None for paths of one field.
+    """
+    blends = sorted(set(k), key=lambda blend: blend or 0.0)
+    styles = dict(zip(blends, blend_styles(blends), strict=True))
+    return [{"label": blend_label(blend), **styles[blend]} for blend in k]
 
 
 def _cuts_through(paths: Sequence[AnyPath], space: ConfigurationSpace) -> list[Cut]:

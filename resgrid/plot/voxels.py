@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import product
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -20,7 +21,7 @@ from resgrid.plot.figures import axes_or_new
 from resgrid.plot.plane import cells_with_path
 from resgrid.plot.raster import Camera, Layer, render
 from resgrid.plot.space_view import SpaceView, subdivided, window_around
-from resgrid.plot.style import OBSTACLE, PATHS, SMALL, add_swatch, mark, refresh_legend, surface_map
+from resgrid.plot.style import OBSTACLE, SMALL, add_swatch, mark, refresh_legend, surface_map
 from resgrid.robots.voxel_surfaces import (
     DIRECTIONS,
     block_of,
@@ -38,6 +39,9 @@ _SIDE = 1500
 
 _HIDDEN = 0.4
 """Fraction of the paths behind obstacles from which the obstacles above the paths are left out."""
+
+_CAMERA = Camera(-55.0, 38.0)
+"""Default direction of the view, steeper than that of arms, to look into rooms."""
 
 PIECES = 24
 """Number of pieces into which each segment of a path is divided to find hidden pieces and the median height."""
@@ -159,8 +163,8 @@ def draw_voxels(
     paths: Sequence[AnyPath] = (),
     ax: Axes | None = None,
     *,
-    azimuth: float = -55.0,
-    elevation: float = 38.0,
+    azimuth: float = _CAMERA.azimuth,
+    elevation: float = _CAMERA.elevation,
     top: float | None = None,
     unknown: NDArray[np.bool_] | None = None,
 ) -> Axes:
@@ -205,10 +209,28 @@ def draw_voxels(
             "draw_voxels needs a space with the axes x, y and z of a point or a ball, in one unit; draw(space) shows "
             "slices of other spaces"
         )
+    return draw_paths_in_view(
+        space, paths, [{"label": "path"}] * len(paths), ax, Camera(azimuth, elevation), top, unknown
+    )
+
+
+def draw_paths_in_view(
+    space: ConfigurationSpace,
+    paths: Sequence[AnyPath],
+    styles: Sequence[Mapping[str, Any]],
+    ax: Axes | None,
+    camera: Camera = _CAMERA,
+    top: float | None = None,
+    unknown: NDArray[np.bool_] | None = None,
+) -> Axes:
+    """Draw the surface of the obstacles of a voxel world, and paths; return the axes.
+
+    `styles`: legend entry ``label`` and options of matplotlib for each path; `camera`: direction of the view; the other
+    parameters are those of `draw_voxels`.
+    """
     lines = [points_of(path, space) for path in paths]
     dense = [subdivided(line, PIECES) for line in lines]
     points = np.concatenate([*dense, np.empty((0, 3))])
-    camera = Camera(azimuth, elevation)
     view = VoxelView(space, camera, unknown, top, points)
     layers = view.layers()
     if top is None and len(points) and view.hidden(points, layers).mean() > _HIDDEN:
@@ -226,14 +248,14 @@ def draw_voxels(
         add_swatch(axes, f"obstacles cut at {space.axes[2].name} = {view.box[1, 2]:.4g} {space.axes[2].unit}", OBSTACLE)
     if view.goal.any():
         add_swatch(axes, "goal", GOAL)
-    for path, line, drawn in zip(paths, lines, dense, strict=True):
+    for path, line, drawn, style in zip(paths, lines, dense, styles, strict=True):
         outcome = path.outcome if isinstance(path, Streamline) else Outcome.REACHED
         first, last = camera.seen(line[[0, -1]])[:, :2]
         if outcome is not Outcome.REACHED:
             mark(first, axes, "failure", outcome.value.replace("_", " "))
             continue
         if len(line) > 1:
-            view.draw_line(drawn, axes, layers, "path", color=PATHS[0])
+            view.draw_line(drawn, axes, layers, **style)
         mark(first, axes, "start")
         mark(last, axes, "end", "goal reached")
     refresh_legend(axes, gap=1.0)

@@ -84,6 +84,8 @@ def test_a_path_is_drawn_with_slices_at_its_heights(planner: rg.planning.Planner
         "x 0 to 6 m", "y 0 to 5 m", "z 0 to 4 m"
     }  # fmt: skip
     assert len(rg.draw(path, axis=2, indices=[2]).axes) == 1
+    labels = {text.get_text() for text in rg.draw([path], k=[1.0]).legends[0].get_texts()}
+    assert "$k$ = 1 (Dirichlet)" in labels and "path" not in labels
     assert len(figure_of(rg.draw(rg.shortcut(path))).axes) == 4
 
 
