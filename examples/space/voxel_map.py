@@ -38,7 +38,7 @@ rows = "\n".join(f"{x:.3f} {y:.3f} {z:.3f}" for x, y, z in points)
 Path("out/scan.pcd").write_text(head + rows)
 
 # %%
-# A voxel that contains a point is an obstacle. The drone is a ball of 20 cm.
+# A voxel that contains a point is an obstacle. The drone is a ball with a radius of 20 cm.
 
 robot = rg.PointRobot(0.2)
 scene = rg.read_scene("out/scan.pcd", spacing=0.15, robot=robot, start=(0.7, 0.8, 0.6), goal=(5.3, 3.3, 1.5))

@@ -123,7 +123,7 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
     except ResgridError:
         raise
     except OSError as error:
-        raise _unwritable(Path(path), error) from error
+        raise unwritable(Path(path), error) from error
     finally:
         temporary.unlink(missing_ok=True)
 
@@ -188,7 +188,7 @@ def _temporary_beside(place: Path, named: Path) -> Iterator[Path]:
     except ResgridError:
         raise
     except OSError as error:
-        raise _unwritable(named, error) from error
+        raise unwritable(named, error) from error
     finally:
         remove()
 
@@ -210,7 +210,7 @@ def _make_parents(target: Path, named: Path) -> list[Path]:
         missing = [parent for parent in target.absolute().parents if not parent.exists()]
         target.absolute().parent.mkdir(parents=True, exist_ok=True)
     except (OSError, ValueError) as error:
-        raise _unwritable(named, error) from error
+        raise unwritable(named, error) from error
     return missing
 
 
@@ -319,7 +319,7 @@ def target_of(path: Path) -> Path:
     except InputError:
         raise
     except (OSError, RuntimeError, ValueError) as error:  # a cycle of links, a NUL in the name
-        raise _unwritable(path, error) from error
+        raise unwritable(path, error) from error
     return target
 
 
@@ -334,11 +334,11 @@ def _create_temporary(folder: Path, target: Path, path: Path) -> Path:
     try:
         os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
     except OSError as error:
-        raise _unwritable(path, error) from error
+        raise unwritable(path, error) from error
     return temporary
 
 
-def _unwritable(path: Path, error: Exception) -> InputError:
+def unwritable(path: Path, error: Exception) -> InputError:
     """Return the InputError for a path that cannot be written; `error`: exception of the failed operation."""
     reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
     return InputError(f"cannot write {str(path)!r}: {reason}; check the path, its permissions and the free space")

@@ -228,6 +228,6 @@ def _drop_stdout() -> None:
 def main() -> None:
     """Plan robot paths with resistor grids: compile maps to circuits, solve them, follow the current, check in SPICE.
 
-    A SCENE is a TOML scene, a ROS map.yaml, a MovingAI .map, a picture, a NumPy array, a link of the live page, or the
-    name of a shipped scene; '-' is standard input.
+    A SCENE is a TOML scene, a ROS map.yaml, a MovingAI .map, a picture, a NumPy array, an OctoMap, a point cloud, a
+    link of the live page, or the name of a shipped scene; '-' is standard input.
     """

@@ -6,19 +6,19 @@ import os
 import shutil
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from math import cos, sin
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Protocol
 
-from resgrid._internal.files import temporary_place
+from resgrid._internal.files import temporary_place, unwritable
 from resgrid.errors import InputError
-from resgrid.io.ros_paths import path_poses
+from resgrid.io.ros_paths import path_poses, ros_quaternion, ros_time
 from resgrid.planning.stream_planner import StreamedPath
 from resgrid.scene.recordings.recording import BASE_FRAMES
 from resgrid.scene.recordings.snapshot import MapSnapshot
 from resgrid.scene.recordings.storage import (
     GRID,
     PATH,
+    STORAGES,
     TRANSFORMS,
     Storage,
     check_topic_name,
@@ -73,7 +73,7 @@ class BagWriter:
 
     def header(self, stamp: int, frame_id: str) -> Any:
         """Return a header; `stamp`: time in nanoseconds."""
-        time = self.new("builtin_interfaces/msg/Time", sec=stamp // 10**9, nanosec=stamp % 10**9)
+        time = self.new("builtin_interfaces/msg/Time", **ros_time(stamp))
         sequence = {"seq": 0} if self._ros == 1 else {}
         return self.new("std_msgs/msg/Header", **sequence, stamp=time, frame_id=frame_id)
 
@@ -84,7 +84,7 @@ class BagWriter:
 
     def turn(self, yaw: float) -> Any:
         """Return the quaternion of a heading in radians."""
-        return self.new("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=sin(yaw / 2), w=cos(yaw / 2))
+        return self.new("geometry_msgs/msg/Quaternion", **ros_quaternion(yaw))
 
     def new(self, kind: str, **values: Any) -> Any:
         """Return a message of a type with the given values."""
@@ -141,18 +141,16 @@ def _latched_profile() -> Any:
     )  # fmt: skip
 
 
-def output_storage(file: str | os.PathLike[str], source: Storage | None = None) -> tuple[Storage, bool]:
+def _output_storage(file: str | os.PathLike[str], source: Storage | None = None) -> tuple[Storage, bool]:
     """Return the kind of a new recording, and whether it is a folder.
 
-    `file`: name of the recording; `source`: kind of the recording from which it is made, None for none.  A name that
+    `file`: name of the recording; `source`: kind of the recording from which it is made, None without one.  A name that
     ends in ``.bag`` is a file of ROS 1; ``.mcap`` and ``.db3`` are single files of ROS 2; other names are folders of
     ROS 2 with the storage of the source, or sqlite3.
     """
     suffix = Path(file).suffix
-    if suffix in {".mcap", ".db3"}:
-        return ("mcap" if suffix == ".mcap" else "sqlite3"), False
-    if suffix == ".bag":
-        return "bag", False
+    if suffix in STORAGES:
+        return STORAGES[suffix], False
     return ("mcap" if source == "mcap" else "sqlite3"), True
 
 
@@ -164,7 +162,7 @@ def check_bag_output(file: str | os.PathLike[str], source: Storage | None = None
     """
     if os.fspath(file) == "-":
         raise InputError("-o -: a recording cannot be written to standard output; name a file or a folder")
-    target, (storage, is_folder) = Path(file), output_storage(file, source)
+    target, (storage, is_folder) = Path(file), _output_storage(file, source)
     if storage == "bag" and source not in (None, "bag"):
         raise InputError(
             f"cannot write {target}: a .bag file belongs to ROS 1, but the input is a recording of ROS 2; name a "
@@ -185,11 +183,11 @@ def check_bag_output(file: str | os.PathLike[str], source: Storage | None = None
 def whole_bag(file: str | os.PathLike[str], source: Storage | None = None) -> Iterator[BagWriter]:
     """Yield the writer of a recording that replaces `file` if the block succeeds, and is removed otherwise.
 
-    `source`: kind of the recording from which it is made, see `output_storage`.
+    `source`: kind of the recording from which it is made, see `_output_storage`.
     """
     target = check_bag_output(file, source).resolve()
     require_rosbags()
-    storage, is_folder = output_storage(file, source)
+    storage, is_folder = _output_storage(file, source)
     temporary = temporary_place(target.parent, target.name)
     try:
         temporary.mkdir()
@@ -200,8 +198,7 @@ def whole_bag(file: str | os.PathLike[str], source: Storage | None = None) -> It
             inside = next(file for file in inside.iterdir() if file.suffix in {".mcap", ".db3"})
         _exchange(inside, target, temporary / "replaced")
     except OSError as error:
-        remedy = "check the path, its permissions and the free space"
-        raise InputError(f"cannot write {str(target)!r}: {error.strerror or error}; {remedy}") from error
+        raise unwritable(target, error) from error
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
 

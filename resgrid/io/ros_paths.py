@@ -161,6 +161,17 @@ def headings(place: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(angle[np.minimum(np.searchsorted(moved, np.arange(len(place))), len(moved) - 1)])
 
 
+def ros_time(nanoseconds: int) -> dict[str, int]:
+    """Return the attributes of a ``builtin_interfaces`` Time or Duration message."""
+    seconds, rest = divmod(nanoseconds, 10**9)
+    return {"sec": seconds, "nanosec": rest}
+
+
+def ros_quaternion(yaw: float) -> dict[str, float]:
+    """Return the attributes of the ``geometry_msgs/Quaternion`` message of a heading in radians."""
+    return {"x": 0.0, "y": 0.0, "z": sin(yaw / 2), "w": cos(yaw / 2)}
+
+
 def _message(times: Sequence[float], places: Sequence[Sequence[float]], yaws: Sequence[float], frame_id: str) -> str:
     """Return a ``nav_msgs/Path`` message as YAML text.
 
@@ -169,12 +180,11 @@ def _message(times: Sequence[float], places: Sequence[Sequence[float]], yaws: Se
     """
 
     def header(time: float) -> dict[str, Any]:
-        seconds, nanoseconds = divmod(round(time * 1e9), 10**9)
-        return {"stamp": {"sec": seconds, "nanosec": nanoseconds}, "frame_id": frame_id}
+        return {"stamp": ros_time(round(time * 1e9)), "frame_id": frame_id}
 
     def pose(place: Sequence[float], yaw: float) -> dict[str, Any]:
         position = {"x": place[0], "y": place[1], "z": 0.0}
-        return {"position": position, "orientation": {"x": 0.0, "y": 0.0, "z": sin(yaw / 2), "w": cos(yaw / 2)}}
+        return {"position": position, "orientation": ros_quaternion(yaw)}
 
     rows = zip(times, places, yaws, strict=True)
     poses = [{"header": header(time), "pose": pose(place, yaw)} for time, place, yaw in rows]

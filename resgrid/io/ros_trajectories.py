@@ -11,11 +11,8 @@ from numpy.typing import NDArray
 from resgrid._internal.validation import with_article
 from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError
-from resgrid.io.ros_paths import Timed, require_reached, to_ros_path
+from resgrid.io.ros_paths import Timed, require_reached, ros_time, to_ros_path
 from resgrid.planning.time_parameterization import Trajectory
-
-_SECOND = 10**9
-"""Nanoseconds per second."""
 
 
 def message_of(path: Timed, *, heading: float | None = None, fixed_joints: bool = False) -> str:
@@ -98,12 +95,12 @@ def to_ros_trajectory(path: Timed, *, frame_id: str = "", fixed_joints: bool = F
             "velocities": velocity.tolist() if smooth else [],
             "accelerations": [],
             "effort": [],
-            "time_from_start": _duration(time),
+            "time_from_start": ros_time(time),
         }
         for position, velocity, time in zip(positions, velocities, nanoseconds.tolist(), strict=True)
     ]
     message = {
-        "header": {"stamp": _duration(0), "frame_id": frame_id},
+        "header": {"stamp": ros_time(0), "frame_id": frame_id},
         "joint_names": [*robot.joint_names, *fixed],
         "points": points,
     }
@@ -137,14 +134,9 @@ def _distinct_times(times: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDAr
 
     Of knots within one nanosecond the last one is kept, because controllers require increasing times.
     """
-    rounded = np.round(times * _SECOND).astype(np.int64)
+    rounded = np.round(times * 10**9).astype(np.int64)
     rows = np.flatnonzero(np.append(np.diff(rounded) > 0, True))
     return rounded[rows], rows
-
-
-def _duration(nanoseconds: int) -> dict[str, int]:
-    seconds, rest = divmod(nanoseconds, _SECOND)
-    return {"sec": seconds, "nanosec": rest}
 
 
 def _as_yaml(message: dict[str, Any]) -> str:

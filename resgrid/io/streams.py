@@ -79,6 +79,7 @@ class StreamReport:
 
     @cached_property
     def _times(self) -> list[float]:
+        """Processor times of the solved frames in milliseconds, without the first one unless it is the only one."""
         pairs = zip(self.table["method"], self.table["milliseconds"], strict=True)
         times = [milliseconds for method, milliseconds in pairs if method != "none"]
         return times[1:] or times
@@ -212,7 +213,7 @@ def _require_other(recording: Recording, target: Path) -> None:
 
 @contextmanager
 def _paths_bag(file: str | os.PathLike[str], recording: Recording, topic: str) -> Iterator[BagWriter]:
-    """Yield the writer of a recording of paths, see `whole_bag`."""
+    """Yield the writer of a new recording with a topic of paths; the recording is complete or not there."""
     with whole_bag(file, recording.storage) as bag:
         bag.add(topic, PATH)
         yield bag

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TypeGuard
+from typing import Any, TypeGuard
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -15,19 +15,16 @@ from resgrid.planning.streamline import AnyPath, Polyline, ShortPath, Streamline
 from resgrid.plot import paths as plane_paths
 from resgrid.plot.figures import PAGE, new_figure, panel_height
 from resgrid.plot.panels import Panel, add_figure_legend, draw_known, paint_unknown, painter
-from resgrid.plot.paths import line_layer, path_layer
+from resgrid.plot.paths import blend_label, line_layer, path_layer
 from resgrid.plot.plane import Cut, plane_of, unknown_cells
 from resgrid.plot.slices import slice_title
 from resgrid.plot.space_view import subdivided
-from resgrid.plot.style import TEXT
-from resgrid.plot.voxels import draw_voxels, points_of
+from resgrid.plot.style import TEXT, blend_styles
+from resgrid.plot.voxels import PIECES, draw_paths_in_view, points_of
 from resgrid.robots.voxel_surfaces import is_voxel_world
 
 _SLICES = 3
 """Largest number of horizontal slices below the picture of the surface."""
-
-_PIECES = 24
-"""Number of pieces into which each segment of a path is divided to find its median height."""
 
 
 def draw_path(
@@ -78,7 +75,7 @@ def draw_line(
     return plane_paths.draw_line(path, ax, axis=axis, indices=indices)
 
 
-def is_streamlines(paths: Sequence[AnyPath]) -> TypeGuard[Sequence[Streamline]]:
+def _are_streamlines(paths: Sequence[AnyPath]) -> TypeGuard[Sequence[Streamline]]:
     """Return whether all paths are streamlines."""
     return all(isinstance(path, Streamline) for path in paths)
 
@@ -93,14 +90,15 @@ def draw_voxel_page(
     cells of unknown occupancy.
     """
     space = paths[0].space
-    layer = path_layer(paths, k) if is_streamlines(paths) else line_layer(paths)
+    layer = path_layer(paths, k) if _are_streamlines(paths) else line_layer(paths)
+    styles = _styles_of([None] * len(paths) if k is None else k)
     cuts = _cuts_through(paths, space)
     planes = [plane_of(space, cut) for cut in cuts]
     below = panel_height(PAGE / _SLICES - 0.6, max(plane.aspect for plane in planes)) - 0.4
     above = 0.62 * PAGE
     figure = new_figure(PAGE, above + below + 0.5)
     grid = figure.add_gridspec(2, len(cuts), height_ratios=[above, below])
-    surface = draw_voxels(space, paths, figure.add_subplot(grid[0, :]), unknown=unknown)
+    surface = draw_paths_in_view(space, paths, styles, figure.add_subplot(grid[0, :]), unknown=unknown)
     legend = surface.get_legend()
     if legend is not None:
         legend.remove()
@@ -114,10 +112,20 @@ def draw_voxel_page(
     return figure
 
 
+def _styles_of(k: Sequence[float | None]) -> list[dict[str, Any]]:
+    """Return the legend entry and matplotlib's options for each path in the picture of the surface.
+
+    `k`: weight k of the Dirichlet field of each path, None for paths of one field.
+    """
+    blends = sorted(set(k), key=lambda blend: blend or 0.0)
+    styles = dict(zip(blends, blend_styles(blends), strict=True))
+    return [{"label": blend_label(blend), **styles[blend]} for blend in k]
+
+
 def _cuts_through(paths: Sequence[AnyPath], space: ConfigurationSpace) -> list[Cut]:
     """Return horizontal slices at heights of paths: start and end of the first one, its extreme and median heights."""
     path, axis = paths[0], space.axes[2]
-    line = subdivided(points_of(path, space), _PIECES)
+    line = subdivided(points_of(path, space), PIECES)
     heights = np.clip(np.floor((line[:, 2] - axis.lower) / axis.spacing).astype(int), 0, axis.cells - 1)
     ends = [int(heights[0]), int(path.cells[-1][2]) if isinstance(path, Streamline) else int(heights[-1])]
     extremes = sorted(

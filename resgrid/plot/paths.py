@@ -97,7 +97,7 @@ def path_layer(paths: Sequence[Streamline], k: Sequence[float] | None) -> Layer:
         styles = blend_styles([blend for blend, _ in groups])
         for rank, ((blend, own), style) in enumerate(zip(groups, styles, strict=True)):
             lines = [line for path in own for line in seam_pieces(path)]
-            _draw_lines(lines, panel, _blend_label(blend), is_cased=rank == 0, **style)
+            _draw_lines(lines, panel, blend_label(blend), is_cased=rank == 0, **style)
         if panel.cut and len(reached) <= MOST_ENDS:
             _frame_cells([cell for path in reached for cell in path.cells], panel)
         if reached:
@@ -132,7 +132,7 @@ def by_blend(paths: Sequence[Streamline], k: Sequence[float] | None) -> list[tup
     return list(groups.items())
 
 
-def _blend_label(k: float | None) -> str:
+def blend_label(k: float | None) -> str:
     """Return the legend entry of paths in a blend with Dirichlet weight `k`; "path" if `k` is None."""
     kind = {0.0: " (Neumann)", 1.0: " (Dirichlet)"}.get(-1.0 if k is None else k, "")
     return "path" if k is None else f"$k$ = {k:g}{kind}"

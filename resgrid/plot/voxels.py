@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import product
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -20,7 +21,7 @@ from resgrid.plot.figures import axes_or_new
 from resgrid.plot.plane import cells_with_path
 from resgrid.plot.raster import Camera, Layer, render
 from resgrid.plot.space_view import SpaceView, subdivided, window_around
-from resgrid.plot.style import OBSTACLE, PATHS, SMALL, add_swatch, mark, refresh_legend, surface_map
+from resgrid.plot.style import OBSTACLE, SMALL, add_swatch, mark, refresh_legend, surface_map
 from resgrid.robots.voxel_surfaces import (
     DIRECTIONS,
     block_of,
@@ -28,9 +29,10 @@ from resgrid.robots.voxel_surfaces import (
     coarse_cells,
     faces_between,
     is_voxel_world,
-    wider,
-    with_open_sides,
+    surface_of,
+    surface_to_air,
 )
+from resgrid.scene.maps.preparation import Window, axes_of_window, extent_of_mask
 
 _SIDE = 1500
 """Number of pixels along the longer side of a picture before it is reduced to half this size."""
@@ -38,8 +40,11 @@ _SIDE = 1500
 _HIDDEN = 0.4
 """Fraction of the paths behind obstacles from which the obstacles above the paths are left out."""
 
-_PIECES = 24
-"""Number of pieces into which each segment of a path is divided to decide which of them are hidden."""
+_CAMERA = Camera(-55.0, 38.0)
+"""Default direction of the view, steeper than that of arms, to look into rooms."""
+
+PIECES = 24
+"""Number of pieces into which each segment of a path is divided to find hidden pieces and the median height."""
 
 
 class VoxelView(SpaceView):
@@ -70,12 +75,8 @@ class VoxelView(SpaceView):
         blocked = space.cell == Cell.OBSTACLE
         air = ~blocked & (cells_with_path(space) | (space.cell == Cell.GOAL))
         air = air if air.any() else ~blocked
-        lower, spacing = (np.array([getattr(axis, key) for axis in space.axes]) for key in ("lower", "spacing"))
-        part = _part_around(air, np.floor((also - lower) / spacing).astype(np.int64))
-        axes = [
-            replace(axis, lower=axis.edges[own.start], upper=axis.edges[own.stop], cells=own.stop - own.start)
-            for axis, own in zip(space.axes, part, strict=True)
-        ]
+        window = _part_around(air, np.floor((also - space.lower) / space.spacing).astype(np.int64))
+        part, axes = tuple(slice(*ends) for ends in window), axes_of_window(space.axes, window)
         block = block_of(axes)
         solid = blocked[part] if unknown is None else (blocked & ~unknown)[part]
         self.goal = coarse_cells((space.cell == Cell.GOAL)[part], block)
@@ -95,13 +96,14 @@ class VoxelView(SpaceView):
         self.box = np.array([[axis.lower, axis.upper] for axis in self.axes]).T
         corners = np.array(list(product(*self.box.T)))
         self.labels = 0.07 * float(np.ptp(camera.seen(corners)[:, :2], axis=0).max())
-        window = window_around(camera.seen(corners)[:, :2], _SIDE, self.labels)
-        super().__init__(camera, window, 0.05 * self.axes[0].spacing)
+        super().__init__(
+            camera, window_around(camera.seen(corners)[:, :2], _SIDE, self.labels), 0.05 * self.axes[0].spacing
+        )
 
     def layers(self) -> list[Layer]:
         """Return the images of obstacles, of cut obstacles and of goal cells."""
         facing = [(axis, sign) for axis, sign in DIRECTIONS if sign * self.camera.rotation[2, axis] < -1e-9]
-        faces = faces_between(*with_open_sides(self.solid, self.air), wider(self.axes), facing)
+        faces = surface_to_air(self.solid, self.air, self.axes, facing)
         height = faces.corners[:, :, 2].mean(axis=1)
         (_, _, low), (_, _, high) = self.box
         colours = surface_map()((height - low) / max(high - low, 1e-300))[:, :3]
@@ -111,8 +113,7 @@ class VoxelView(SpaceView):
             lid = np.concatenate([self.cut, np.zeros_like(self.cut)], axis=2)
             above = faces_between(lid, ~lid, top, [(2, 1)])
             layers.append(self._render(above.triangles, np.zeros(2 * len(above.plane), dtype=np.int64), OBSTACLE))
-        padded = np.pad(self.goal, 1)
-        goals = faces_between(padded, ~padded, wider(self.axes), facing)
+        goals = surface_of(self.goal, self.axes, facing)
         layers.append(self._render(goals.triangles, np.tile(goals.plane, 2), GOAL, 0.7))
         return layers
 
@@ -152,7 +153,7 @@ class VoxelView(SpaceView):
 
     @staticmethod
     def _outside(ends: NDArray[np.float64], middle: NDArray[np.float64], number: int) -> float:
-        """Return how far an edge lies at the lower (x, y) or left (z) side of the picture."""
+        """Return the distance of an edge from the middle of the view, downwards (x, y) or to the left (z)."""
         x, y = ends.mean(axis=0) - middle
         return float(-x if number == 2 else -y)
 
@@ -162,8 +163,8 @@ def draw_voxels(
     paths: Sequence[AnyPath] = (),
     ax: Axes | None = None,
     *,
-    azimuth: float = -55.0,
-    elevation: float = 38.0,
+    azimuth: float = _CAMERA.azimuth,
+    elevation: float = _CAMERA.elevation,
     top: float | None = None,
     unknown: NDArray[np.bool_] | None = None,
 ) -> Axes:
@@ -208,10 +209,28 @@ def draw_voxels(
             "draw_voxels needs a space with the axes x, y and z of a point or a ball, in one unit; draw(space) shows "
             "slices of other spaces"
         )
+    return draw_paths_in_view(
+        space, paths, [{"label": "path"}] * len(paths), ax, Camera(azimuth, elevation), top, unknown
+    )
+
+
+def draw_paths_in_view(
+    space: ConfigurationSpace,
+    paths: Sequence[AnyPath],
+    styles: Sequence[Mapping[str, Any]],
+    ax: Axes | None,
+    camera: Camera = _CAMERA,
+    top: float | None = None,
+    unknown: NDArray[np.bool_] | None = None,
+) -> Axes:
+    """Draw the surface of the obstacles of a voxel world, and paths; return the axes.
+
+    `styles`: legend entry ``label`` and options of matplotlib for each path; `camera`: direction of the view; the other
+    parameters are those of `draw_voxels`.
+    """
     lines = [points_of(path, space) for path in paths]
-    dense = [subdivided(line, _PIECES) for line in lines]
+    dense = [subdivided(line, PIECES) for line in lines]
     points = np.concatenate([*dense, np.empty((0, 3))])
-    camera = Camera(azimuth, elevation)
     view = VoxelView(space, camera, unknown, top, points)
     layers = view.layers()
     if top is None and len(points) and view.hidden(points, layers).mean() > _HIDDEN:
@@ -229,14 +248,14 @@ def draw_voxels(
         add_swatch(axes, f"obstacles cut at {space.axes[2].name} = {view.box[1, 2]:.4g} {space.axes[2].unit}", OBSTACLE)
     if view.goal.any():
         add_swatch(axes, "goal", GOAL)
-    for path, line, drawn in zip(paths, lines, dense, strict=True):
+    for path, line, drawn, style in zip(paths, lines, dense, styles, strict=True):
         outcome = path.outcome if isinstance(path, Streamline) else Outcome.REACHED
         first, last = camera.seen(line[[0, -1]])[:, :2]
         if outcome is not Outcome.REACHED:
             mark(first, axes, "failure", outcome.value.replace("_", " "))
             continue
         if len(line) > 1:
-            view.draw_line(drawn, axes, layers, "path", color=PATHS[0])
+            view.draw_line(drawn, axes, layers, **style)
         mark(first, axes, "start")
         mark(last, axes, "end", "goal reached")
     refresh_legend(axes, gap=1.0)
@@ -250,11 +269,12 @@ def points_of(path: AnyPath, space: ConfigurationSpace) -> NDArray[np.float64]:
     return space.from_world(path.points)
 
 
-def _part_around(mask: NDArray[np.bool_], cells: NDArray[np.int64]) -> tuple[slice, ...]:
-    """Return the smallest block of cells that contains True cells of a mask, `cells` (n, 3), and all neighbours."""
-    ends = []
-    for axis, size in enumerate(mask.shape):
-        used = np.flatnonzero(mask.any(axis=tuple(other for other in range(3) if other != axis)))
-        own = np.concatenate([used, cells[:, axis]])
-        ends.append(slice(max(int(own.min()) - 1, 0), min(int(own.max()) + 2, size)) if len(own) else slice(0, size))
-    return tuple(ends)
+def _part_around(mask: NDArray[np.bool_], cells: NDArray[np.int64]) -> Window:
+    """Return the smallest window that contains True cells of a mask, `cells` (n, 3), and all their neighbours."""
+    marked = extent_of_mask(mask)
+    if marked is not None:
+        cells = np.concatenate([cells, np.array(marked).T - [[0], [1]]])
+    if not len(cells):
+        return tuple((0, size) for size in mask.shape)
+    first, end = (cells.min(axis=0) - 1).clip(0), np.minimum(cells.max(axis=0) + 2, mask.shape)
+    return tuple(zip(first.tolist(), end.tolist(), strict=True))

@@ -15,7 +15,6 @@ from resgrid.core.space import ConfigurationSpace
 DIRECTIONS = tuple((axis, sign) for axis in range(3) for sign in (-1, 1))
 """Directions of faces: number of the axis, and -1 or 1 for the lower or the upper face of a solid cell."""
 
-
 _CLOSED = 0.5
 """Fraction of obstacle cells from which a side of the grid is a wall, whose outside is not drawn."""
 
@@ -105,16 +104,15 @@ def _rectangles(
     return corners
 
 
-def coarse_cells(mask: NDArray[np.bool_], block: int, *, every: bool = False) -> NDArray[np.bool_]:
-    """Return the mask of blocks of cells with a marked cell, or, if `every`, with marked cells only.
+def coarse_cells(mask: NDArray[np.bool_], block: int) -> NDArray[np.bool_]:
+    """Return the mask of blocks of cells with a marked cell.
 
     `block`: number of cells along each axis that form one block; blocks at the upper border may be smaller.
     """
     if block == 1:
         return mask
-    combine = np.logical_and if every else np.logical_or
     for axis in range(mask.ndim):
-        mask = combine.reduceat(mask, np.arange(0, mask.shape[axis], block), axis=axis)
+        mask = np.logical_or.reduceat(mask, np.arange(0, mask.shape[axis], block), axis=axis)
     return mask
 
 
@@ -129,8 +127,31 @@ def block_of(axes: Sequence[Axis]) -> int:
     return -(-max(axis.cells for axis in axes) // _MOST_CELLS)
 
 
-def with_open_sides(solid: NDArray[np.bool_], air: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return the masks of solid cells and of air with one more layer of cells on every side (`wider`).
+def surface_to_air(
+    solid: NDArray[np.bool_], air: NDArray[np.bool_], axes: Sequence[Axis],
+    directions: Sequence[tuple[int, int]] = DIRECTIONS, *, merge: bool = False,
+) -> Faces:  # fmt: skip
+    """Return the faces of solid cells that border on air, also at sides of the grid that few solid cells reach.
+
+    The parameters are those of `faces_between`.
+    """
+    return faces_between(*_with_open_sides(solid, air), _wider(axes), directions, merge=merge)
+
+
+def surface_of(
+    mask: NDArray[np.bool_], axes: Sequence[Axis], directions: Sequence[tuple[int, int]] = DIRECTIONS, *,
+    merge: bool = False,
+) -> Faces:  # fmt: skip
+    """Return the faces of marked cells that border on unmarked cells or lie at a side of the grid.
+
+    `mask`: marked cells; the other parameters are those of `faces_between`.
+    """
+    padded = np.pad(mask, 1)
+    return faces_between(padded, ~padded, _wider(axes), directions, merge=merge)
+
+
+def _with_open_sides(solid: NDArray[np.bool_], air: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return the masks of solid cells and of air with one more layer of cells on every side.
 
     The layer is air on sides that few obstacles reach, so that these obstacles have a face there.
     """
@@ -143,7 +164,7 @@ def with_open_sides(solid: NDArray[np.bool_], air: NDArray[np.bool_]) -> tuple[N
     return solid, air
 
 
-def wider(axes: Sequence[Axis]) -> list[Axis]:
+def _wider(axes: Sequence[Axis]) -> list[Axis]:
     """Return axes with one more cell at both ends."""
     return [
         replace(axis, lower=axis.lower - axis.spacing, upper=axis.upper + axis.spacing, cells=axis.cells + 2)

@@ -12,6 +12,7 @@ from resgrid.core.frame import Frame
 from resgrid.errors import InputError
 from resgrid.robots import CellSet
 from resgrid.scene.maps.mask_grids import read_mask
+from resgrid.scene.maps.occupancies import conductivities
 from resgrid.scene.scene import Scene
 from resgrid.scene.world_coordinates import over_map, unknown_cells
 
@@ -50,8 +51,8 @@ def keepouts_of(scene: Scene) -> list[Keepout]:
         grid, axes = read_mask(mask.file, mask.dialect), scene.axes[:2]
         occupancy = grid.largest_in(axes, scene.frame, centres=scene.sampling == "centre")
         blocked = occupancy >= mask.lethal
-        weight = np.where(blocked, 0, np.clip(occupancy, 0, None)) / mask.lethal
-        effects.append(Keepout(f"mask[{number}]", blocked, mask.least_conductivity**weight, mask.inflate, axes))
+        costs = conductivities(occupancy, mask.least_conductivity, mask.lethal)
+        effects.append(Keepout(f"mask[{number}]", blocked, costs, mask.inflate, axes))
     return effects
 
 

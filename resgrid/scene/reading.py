@@ -61,15 +61,16 @@ def read_scene(file: str | os.PathLike[str], **options: Any) -> Scene:
     Parameters
     ----------
     file : path-like
-        A scene (``.toml``), a ROS map (``.yaml``), a MovingAI map (``.map``), a voxel map (``.3dmap``), a NumPy array
-        (``.npy``) or a picture; other suffixes are recognised by the first bytes of the file.  A warning is issued if
-        the picture belongs to a ROS map in the same folder.  A name without a folder that is not a file in the current
-        folder stands for the shipped scene of this name, such as ``rooms``.
+        A scene (``.toml``), a ROS map (``.yaml``), a MovingAI map (``.map``), a voxel map (``.3dmap``), an OctoMap
+        (``.bt``, ``.ot``), a point cloud (``.ply``, ``.pcd``), a NumPy array (``.npy``) or a picture; other suffixes
+        are recognised by the first bytes of the file.  A warning is issued if the picture belongs to a ROS map in the
+        same folder.  A name without a folder that is not a file in the current folder stands for the shipped scene of
+        this name, such as ``rooms``.
     **options
         Options of the map reader: ``format``, ``dialect``, ``unknown``, ``lethal``, ``least_conductivity``,
-        ``passable``, ``threshold``, ``spacing``, ``origin``, ``unit``, ``periodic``, ``headings``, and of its
-        preparation: ``crop``, ``coarsen``, ``refine``.  For every scene, the keywords of `Scene.replace`, such as
-        ``goal=(3.5, 4.5)``, ``k=0.5`` or ``boundary="neumann"``.
+        ``passable``, ``threshold``, ``occupied``, ``spacing``, ``scale``, ``position``, ``rotation``, ``origin``,
+        ``unit``, ``periodic``, ``headings``, and of its preparation: ``crop``, ``coarsen``, ``refine``.  For every
+        scene, the keywords of `Scene.replace`, such as ``goal=(3.5, 4.5)``, ``k=0.5`` or ``boundary="neumann"``.
 
     Returns
     -------

@@ -15,15 +15,13 @@ from resgrid.robots.voxel_surfaces import (
     block_of,
     coarse_axis,
     coarse_cells,
-    faces_between,
-    wider,
-    with_open_sides,
+    surface_of,
+    surface_to_air,
 )
+from resgrid.viewer.models import Colour, rgb
 
 if TYPE_CHECKING:
     import viser
-
-Colour = tuple[int, int, int]
 
 ROBOT_BALL: Colour = (230, 159, 0)
 """Colour of the moving ball."""
@@ -56,16 +54,15 @@ def add_voxels(server: viser.ViserServer, space: ConfigurationSpace) -> None:
     axes = [coarse_axis(axis, block) for axis in space.axes]
     solid = coarse_cells(space.cell == Cell.OBSTACLE, block)
     air = coarse_cells(space.goal_connected | (space.cell == Cell.GOAL), block) & ~solid
-    faces = faces_between(*with_open_sides(solid, air), wider(axes), merge=True)
+    faces = surface_to_air(solid, air, axes, merge=True)
     low, high = axes[2].lower, axes[2].upper
     height = (faces.corners[:, :, 2].mean(axis=1) - low) / (high - low)
     band = np.clip((height * _BANDS).astype(int), 0, _BANDS - 1)
     for number in np.unique(band).tolist():
         own = band == number
         _add_faces(server, f"/obstacles/{number}", Faces(faces.corners[own], faces.plane[own]), _tint(number))
-    goal = np.pad(coarse_cells(space.cell == Cell.GOAL, block), 1)
-    red, green, blue = bytes.fromhex(GOAL.lstrip("#"))
-    _add_faces(server, "/goals", faces_between(goal, ~goal, wider(axes), merge=True), (red, green, blue), 0.5)
+    goal = coarse_cells(space.cell == Cell.GOAL, block)
+    _add_faces(server, "/goals", surface_of(goal, axes, merge=True), rgb(GOAL), 0.5)
 
 
 def _add_faces(
@@ -84,7 +81,7 @@ def _add_faces(
 
 def _tint(band: int) -> Colour:
     """Return the colour of obstacles at a height; `band`: number of the band of heights."""
-    stops = np.array([list(bytes.fromhex(colour.lstrip("#"))) for colour in SURFACE], dtype=np.float64)
+    stops = np.array([rgb(colour) for colour in SURFACE], dtype=np.float64)
     place = (band + 0.5) / _BANDS * (len(stops) - 1)
     red, green, blue = (round(float(np.interp(place, np.arange(len(stops)), part))) for part in stops.T)
     return red, green, blue

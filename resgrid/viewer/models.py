@@ -79,7 +79,7 @@ def add_surroundings(server: viser.ViserServer, scene: Scene, robot: URDFRobot) 
     kinds: tuple[tuple[Sequence[Shape], str, Colour, float | None], ...] = (
         (scene.obstacles, "obstacle", SOLID, None),
         (scene.hidden, "hidden", HIDDEN, 0.6),
-        (goal_shapes(scene), "goal", _rgb(GOAL), 0.5),
+        (goal_shapes(scene), "goal", rgb(GOAL), 0.5),
     )
     for shapes, name, colour, opacity in kinds:
         for shape, surface in zip(shapes, shape_surfaces(shapes, name, (low, high)), strict=True):
@@ -120,6 +120,7 @@ def _quaternion(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.array([w, x, y, z])
 
 
-def _rgb(colour: str) -> Colour:
+def rgb(colour: str) -> Colour:
+    """Return the parts of a colour such as ``#e8491d``, from 0 to 255 each."""
     red, green, blue = bytes.fromhex(colour.lstrip("#"))
     return red, green, blue

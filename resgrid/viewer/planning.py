@@ -86,7 +86,7 @@ class ArmPlan:
         self.planner: Planner = plan(problem.space, self.wiring, k=self.k)
         self.lower, self.upper = (np.array([getattr(axis, end) for axis in scene.axes]) for end in ("lower", "upper"))
         self.goal: NDArray[np.float64] | None = None
-        self.start = np.array(scene.starts[0], dtype=np.float64) if scene.starts else self._some_start()
+        self.start = np.array(scene.starts[0], dtype=np.float64) if scene.starts else farthest_start(self.planner)
 
     @property
     def title(self) -> str:
@@ -122,10 +122,6 @@ class ArmPlan:
     def places(self, configurations: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the places (n, 3) of the tool in configurations (n, ndim)."""
         return self.robot.reference_point(configurations)
-
-    def _some_start(self) -> NDArray[np.float64]:
-        """Return the centre of the free cell with the highest potential: a start far from the goals."""
-        return farthest_start(self.planner)
 
     def set_goal(self, goal: NDArray[np.float64]) -> None:
         """Solve again for a single goal configuration (ndim,); the geometry of obstacles is not computed again."""
@@ -175,7 +171,7 @@ class ArmPlan:
 
 
 def farthest_start(planner: Planner) -> NDArray[np.float64]:
-    """Return the centre of the free cell with the highest potential: a start far from the goals."""
+    """Return the centre (ndim,) of the free cell with the highest potential: a start far from the goals."""
     field = planner.field
     height = np.where(field.space.goal_connected & (field.space.cell == Cell.FREE), field.potential, -np.inf)
     return planner.space.centre(np.unravel_index(int(np.nanargmax(height)), height.shape))

@@ -178,6 +178,7 @@ def test_options_of_maps_apply_as_to_map_files(tmp_path: Path) -> None:
     assert first.outcome is None and "no cell of this map is known" in str(first.reason) and second.reached
     for wrong, words in (
         ({"threshold": 3}, "map.threshold does not apply"), ({"crop": (0, 0, 1)}, "corners of a box"),
+        ({"crop": 5}, "corners of a box"), ({"crop": ("a", 0, 1, 1)}, "corners of a box"),
         ({"crop": (2, 0, 1, 1)}, "lower corner"), ({"gaol": (0, 0)}, "did you mean 'goal'"),
         ({"axes": ()}, "axes does not"),
     ):  # fmt: skip

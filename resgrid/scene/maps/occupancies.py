@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from resgrid.core.cell import Cell
 
-OCCUPIED, FREE = 65, 25
-"""Smallest occupancy of an occupied cell and largest one of a free cell, in percent, as map_server has them."""
+OCCUPIED_FROM, FREE_TO = 65, 25
+"""Smallest occupancy of an occupied cell and largest one of a free cell, in percent, the defaults of map_server."""
 
 
 def cells_of_occupancies(
@@ -23,9 +23,19 @@ def cells_of_occupancies(
     it, all from 0 to below `lethal` are free.  Values below 0 or above 100 are unknown.
     """
     values = occupancy.T
-    low, high = (FREE, OCCUPIED) if lethal is None else (lethal - 1, lethal)
+    low, high = (FREE_TO, OCCUPIED_FROM) if lethal is None else (lethal - 1, lethal)
     occupied, free = (values >= high) & (values <= 100), (values >= 0) & (values <= low)
     unseen = np.ascontiguousarray(~(occupied | free))
     blocked = occupied | unseen if unknown == "obstacle" else occupied
     cell = np.where(blocked, np.uint8(Cell.OBSTACLE), np.uint8(Cell.FREE))
     return np.ascontiguousarray(cell), unseen
+
+
+def conductivities(percent: NDArray[Any], least: float, lethal: int) -> NDArray[np.float64]:
+    """Return the conductivities of occupancies: least ** (p / lethal) for p below `lethal`, and 1 elsewhere.
+
+    `percent`: occupancies p in percent, negative for unknown cells, which have conductivity 1; `least`: conductivity
+    just below `lethal`.  The result has the shape of `percent`, in C order.
+    """
+    known = np.clip(percent, 0, None)
+    return np.ascontiguousarray(np.where(known < lethal, least ** (known / lethal), 1.0))

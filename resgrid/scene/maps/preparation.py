@@ -91,7 +91,7 @@ class Preparation:
         Raises InputError if the part is empty, or if a periodic axis would be cut.
         """
         axes = source.axes
-        whole: Window = tuple((0, axis.cells) for axis in axes)
+        whole = whole_window(axes)
         kept = whole if self.crop is None else self._window(source)
         step = self.coarsen
         _require_joined_cells(axes, kept, step)
@@ -218,7 +218,7 @@ class LoadedMap:
             return self.loaded
         costs, unknown = self.loaded.conductivity, self.loaded.unknown
         return MapCells(
-            tuple(part_of(axis, *ends, ends[1] - ends[0]) for axis, ends in zip(self.axes, window, strict=True)),
+            axes_of_window(self.axes, window),
             np.ascontiguousarray(self.loaded.cell[at]),
             self.frame,
             None if costs is None else np.ascontiguousarray(costs[at]),
@@ -258,9 +258,8 @@ def window_of_box(axes: Sequence[Axis], frame: Frame, box: Sequence[float]) -> W
             f"map.crop needs {2 * ndim} numbers, the lower and the upper corner of a box in world coordinates, got "
             f"{len(box)}"
         )
+    check_corners(box)
     lower, upper = box[:ndim], box[ndim:]
-    if not all(isfinite(low) and isfinite(high) and low < high for low, high in zip(lower, upper, strict=True)):
-        raise InputError(f"map.crop = {list(box)}: the lower corner comes first, and must lie below the upper corner")
     corners = frame.from_world(np.array(list(product(*zip(lower, upper, strict=True)))))
     slack = rounding(axes, frame.reach(axes)) * 8
     window = []
@@ -275,6 +274,23 @@ def window_of_box(axes: Sequence[Axis], frame: Frame, box: Sequence[float]) -> W
         )
         raise InputError(f"map.crop = {list(box)}: this box lies outside the map, which extends over {extent}")
     return tuple(window)
+
+
+def check_corners(box: Sequence[float]) -> None:
+    """Raise InputError unless the first corner of a box lies below the second one, and both are finite."""
+    lower, upper = box[: len(box) // 2], box[len(box) // 2 :]
+    if not all(isfinite(low) and isfinite(high) and low < high for low, high in zip(lower, upper, strict=True)):
+        raise InputError(f"map.crop = {list(box)}: the lower corner comes first, and must lie below the upper corner")
+
+
+def whole_window(axes: Sequence[Axis]) -> Window:
+    """Return the window of all cells of a map with the given axes."""
+    return tuple((0, axis.cells) for axis in axes)
+
+
+def axes_of_window(axes: Sequence[Axis], window: Window) -> tuple[Axis, ...]:
+    """Return the axes of the cells in a window; `axes`: axes of the whole map."""
+    return tuple(part_of(axis, first, end, end - first) for axis, (first, end) in zip(axes, window, strict=True))
 
 
 def part_of(axis: Axis, first: int, end: int, cells: int) -> Axis:

@@ -19,8 +19,9 @@ from resgrid.core.cell import Cell
 from resgrid.core.frame import Frame
 from resgrid.errors import InputError
 from resgrid.scene.maps.arrays import MapCells
+from resgrid.scene.maps.occupancies import conductivities
 from resgrid.scene.maps.pictures import BYTES_PER_PIXEL, DecodedPicture, Raster, open_picture
-from resgrid.scene.maps.preparation import Window, part_of
+from resgrid.scene.maps.preparation import Window, axes_of_window, whole_window
 from resgrid.scene.maps.ros_dialects import CONVERTERS, UNKNOWN, occupancies as convert
 from resgrid.scene.maps.ros_header import NEWEST, Dialect, RosHeader, picture_of, read_header
 from resgrid.scene.maps.size_advice import smaller_map
@@ -56,7 +57,7 @@ def read_ros(
         default all free cells have conductivity 1.
     """
     source = open_ros(path, dialect, unknown=unknown, lethal=lethal, least_conductivity=least_conductivity)
-    return source.cells(tuple((0, axis.cells) for axis in source.axes))
+    return source.cells(whole_window(source.axes))
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,10 +99,7 @@ class RosParts:
         require_grid_memory(size, str(self.path), pixel, lambda ratio: smaller_map(size, ratio, self.known()))
         height, _ = self.picture.shape
         occupancy = self.occupancies(slice(height - high, height - low), slice(left, right))[::-1].copy()
-        axes = tuple(
-            part_of(axis, first, end, end - first) for axis, (first, end) in zip(self.axes, window, strict=True)
-        )
-        return _cells(occupancy, self.header, axes, self.frame, **self.options)
+        return _cells(occupancy, self.header, axes_of_window(self.axes, window), self.frame, **self.options)
 
     def occupancies(self, rows: slice, columns: slice) -> NDArray[np.int8]:
         """Return the occupancies of a part of the picture, top row first."""
@@ -140,8 +138,7 @@ def _cells(
     cell[unseen] = Cell.OBSTACLE if unknown == "obstacle" else Cell.FREE
     conductivity = None
     if least_conductivity is not None:
-        fraction = np.clip(occupancy, 0, None) / _lethal(header, lethal)
-        conductivity = np.ascontiguousarray(np.where(occupied, 1.0, least_conductivity**fraction).T)
+        conductivity = conductivities(occupancy.T, least_conductivity, _lethal(header, lethal))
     return MapCells(axes, np.ascontiguousarray(cell.T), frame, conductivity, np.ascontiguousarray(unseen.T))
 
 

@@ -22,7 +22,7 @@ from resgrid.errors import InputError
 from resgrid.robots.solids import Angle, Length, SpacePoint, rigid_pose
 from resgrid.scene.maps.arrays import MapCells
 from resgrid.scene.maps.movingai import open_voxel_list
-from resgrid.scene.maps.preparation import Window, no_unknown_cells, part_of
+from resgrid.scene.maps.preparation import Window, axes_of_window, no_unknown_cells, whole_window
 from resgrid.scene.maps.size_advice import smaller_map
 from resgrid.scene.solids.octree import MIDDLE, read_octree
 from resgrid.scene.solids.point_clouds import cloud_cells
@@ -56,11 +56,6 @@ class VoxelParts:
     unknown: str = "obstacle"
     frame: Frame = field(default_factory=Frame)
 
-    @property
-    def whole(self) -> Window:
-        """Window of the whole map."""
-        return tuple((0, axis.cells) for axis in self.axes)
-
     def known(self) -> Window:
         """Return the smallest window with all known voxels, which is the whole map.
 
@@ -68,16 +63,13 @@ class VoxelParts:
         """
         if self.free is None:
             raise no_unknown_cells(3)
-        return self.whole
+        return whole_window(self.axes)
 
     def cells(self, window: Window) -> MapCells:
         """Return the cells of a window; raise BudgetError if they would not fit in memory."""
         size = tuple(end - first for first, end in window)
-        known = None if self.free is None else self.whole
+        known = None if self.free is None else whole_window(self.axes)
         require_grid_memory(size, str(self.path), _BYTES_PER_VOXEL, lambda ratio: smaller_map(size, ratio, known))
-        axes = tuple(
-            part_of(axis, first, end, end - first) for axis, (first, end) in zip(self.axes, window, strict=True)
-        )
         begin = [first for first, _ in window]
         cell = np.full(size, Cell.FREE, dtype=np.uint8)
         unseen = None
@@ -88,13 +80,13 @@ class VoxelParts:
             if self.unknown == "obstacle":
                 cell[unseen] = Cell.OBSTACLE
         _fill(cell, self.occupied, begin, Cell.OBSTACLE)
-        return MapCells(axes, cell, self.frame, None, unseen)
+        return MapCells(axes_of_window(self.axes, window), cell, self.frame, None, unseen)
 
 
 def read_voxels(path: Path) -> MapCells:
     """Return the cells of a MovingAI voxel map; voxels are 1 x 1 x 1, in units of ``cell``."""
     source = open_voxels(path)
-    return source.cells(source.whole)
+    return source.cells(whole_window(source.axes))
 
 
 def open_voxels(path: Path) -> VoxelParts:
@@ -119,7 +111,7 @@ def read_octomap_cells(
         Probability from which a voxel is occupied, for ``.ot`` files; ``.bt`` files contain no probabilities.
     """
     source = open_octomap(path, unknown, occupied)
-    return source.cells(source.whole)
+    return source.cells(whole_window(source.axes))
 
 
 def open_octomap(path: Path, unknown: str = "obstacle", occupied: float = 0.5) -> VoxelParts:
@@ -154,7 +146,7 @@ def read_cloud_cells(
         Roll, pitch and yaw of the file's axes in radians, as in URDF; [1.5708, 0, 0] for files whose y points up.
     """
     source = open_cloud(path, spacing, scale, position, rotation)
-    return source.cells(source.whole)
+    return source.cells(whole_window(source.axes))
 
 
 def open_cloud(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from bisect import bisect_right
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -22,6 +22,7 @@ from resgrid.scene.recordings.storage import (
     Bag,
     Storage,
     open_bag,
+    short_type,
 )
 from resgrid.scene.recordings.transforms import TransformBuffer, UncoveredError, read_transforms
 
@@ -36,13 +37,13 @@ _GOAL_TOPICS = ("goal_pose", "goal", "move_base_simple/goal")
 class Poses:
     """Poses of the robot in a recording, from transforms or from a topic of poses.
 
-    `buffer`, `base_frame`: transforms and the frame of the robot; `stamped`: poses with time and frame, sorted by time;
-    `ignored`: note on the transforms that were left out, None without one.
+    `buffer`, `base_frame`: transforms and the frame of the robot; `stamped`: time stamps in nanoseconds, sorted, and
+    poses at these times, by frame; `ignored`: note on the transforms that were left out, None without one.
     """
 
     buffer: TransformBuffer | None = None
     base_frame: str = ""
-    stamped: Sequence[tuple[int, str, Pose]] = ()
+    stamped: Mapping[str, tuple[list[int], list[Pose]]] = field(default_factory=dict)
     ignored: str | None = None
 
     def at(self, frame: str, stamp: int) -> tuple[Pose | None, str | None]:
@@ -52,13 +53,13 @@ class Poses:
                 return self.buffer.pose(frame, self.base_frame, stamp)
             except UncoveredError as error:
                 return None, f"the place of the robot is unknown: {error}"
-        known = [entry for entry in self.stamped if entry[1] == frame]
-        if not known:
+        if frame not in self.stamped:
             return None, f"the place of the robot is unknown: no pose has the frame {frame!r} of the map"
-        position = bisect_right([entry[0] for entry in known], stamp) - 1
-        when, _, pose = known[max(position, 0)]
-        late = f"the pose of the robot is {(when - stamp) / 1e9:.3g} s later than the message"
-        return pose, late if position < 0 else None
+        stamps, poses = self.stamped[frame]
+        position = bisect_right(stamps, stamp) - 1
+        if position >= 0:
+            return poses[position], None
+        return poses[0], f"the pose of the robot is {(stamps[0] - stamp) / 1e9:.3g} s later than the message"
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,26 +129,24 @@ class Recording:
                     last = last.updated(message, received=received)
                 else:
                     last = _mapped(message, received)
-                placed = self._placed(last, goal, goal_frame)
-                yield replace(placed, note="; ".join(filter(None, (placed.note, extra))) or None)
+                yield self._placed(last, goal, goal_frame, extra)
                 extra = None
                 if last.has_map:
                     last = replace(last, note=None)
 
-    def _placed(self, snapshot: MapSnapshot, goal: Pose | None, goal_frame: str) -> MapSnapshot:
+    def _placed(self, snapshot: MapSnapshot, goal: Pose | None, goal_frame: str, extra: str | None) -> MapSnapshot:
         """Return a snapshot with the pose of the robot at its time, and with the goal.
 
-        `goal_frame`: frame of the goal.
+        `goal_frame`: frame of the goal; `extra`: further note, None without one.
         """
-        notes = [] if snapshot.note is None else [snapshot.note]
+        notes, start = [snapshot.note], None
         if goal is not None and snapshot.has_map and goal_frame != snapshot.frame_id:
             notes.append(f"the goal is ignored: its frame is {goal_frame!r}, but that of the map {snapshot.frame_id!r}")
             goal = None
-        start = None
         if self._poses is not None and snapshot.has_map:
             start, note = self._poses.at(snapshot.frame_id, snapshot.stamp or snapshot.received)
-            notes += [] if note is None else [note]
-        return replace(snapshot, start=start, goal=goal, note="; ".join(notes) or None)
+            notes.append(note)
+        return replace(snapshot, start=start, goal=goal, note="; ".join(filter(None, (*notes, extra))) or None)
 
 
 def _mapped(message: Any, received: int) -> MapSnapshot:
@@ -265,14 +264,15 @@ def _topic(bag: Bag, name: str | None, kinds: Sequence[str], noun: str, option: 
     the topic, for messages; `option`: name of the option; `ends`: last parts of names that an unnamed topic must have.
     """
     known = _names(bag, kinds)
-    short = " or ".join(kind.replace("/msg/", "/") for kind in kinds)
+    short = " or ".join(map(short_type, kinds))
     if name is not None:
         found = next((each for each in (name, f"/{name}", name.removeprefix("/")) if each in bag.topics), None)
         if found in known:
             return str(found)
         if found is not None:
-            kind = bag.topics[found].kind.replace("/msg/", "/")
-            problem = f"topic {found} has messages of type {kind}, but {noun} need {short}"
+            problem = (
+                f"topic {found} has messages of type {short_type(bag.topics[found].kind)}, but {noun} need {short}"
+            )
         else:
             problem = f"there is no topic {name}"
         hint = suggestion(name, known)
@@ -289,7 +289,7 @@ def _topic(bag: Bag, name: str | None, kinds: Sequence[str], noun: str, option: 
         )
     if not any(topic.count for topic in bag.topics.values()):
         raise InputError(f"{bag.path}: the recording has no messages; record it again")
-    has = ", ".join(f"{each} ({topic.kind.replace('/msg/', '/')})" for each, topic in sorted(bag.topics.items())[:12])
+    has = ", ".join(f"{each} ({short_type(topic.kind)})" for each, topic in sorted(bag.topics.items())[:12])
     raise InputError(f"{bag.path}: no topic has {noun} (type {short}); name one with {option}; topics: {has}")
 
 
@@ -333,7 +333,7 @@ def _poses(
 
 
 def _stamped(bag: Bag, topic: str) -> tuple[Poses, str]:
-    """Return the poses of a topic, sorted by time, and the name of the topic."""
+    """Return the poses of a topic and the name of the topic."""
     entries = []
     for _, received, message in bag.messages([topic]):
         pose = message.pose.pose if hasattr(message.pose, "pose") else message.pose
@@ -341,7 +341,12 @@ def _stamped(bag: Bag, topic: str) -> tuple[Poses, str]:
             entries.append((stamp_of(message) or received, frame_name(message.header.frame_id), pose_of(pose)))
         except InputError:  # a pose that is not finite
             continue
-    return Poses(stamped=sorted(entries, key=lambda entry: entry[0])), f"topic {topic}"
+    stamped: dict[str, tuple[list[int], list[Pose]]] = {}
+    for stamp, frame, pose in sorted(entries, key=lambda entry: entry[0]):
+        stamps, poses = stamped.setdefault(frame, ([], []))
+        stamps.append(stamp)
+        poses.append(pose)
+    return Poses(stamped=stamped), f"topic {topic}"
 
 
 def _tf_topics(bag: Bag, maps: str, name: str | None) -> list[str]:

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from math import isfinite
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
-
+from resgrid._internal.numbers import is_number
 from resgrid.errors import InputError, suggestion
 from resgrid.scene.maps.arrays import MapCells
 from resgrid.scene.maps.formats import map_options
-from resgrid.scene.maps.occupancies import OCCUPIED, cells_of_occupancies
-from resgrid.scene.maps.preparation import LoadedMap, Preparation
+from resgrid.scene.maps.occupancies import OCCUPIED_FROM, cells_of_occupancies, conductivities
+from resgrid.scene.maps.preparation import LoadedMap, Preparation, check_corners
 from resgrid.scene.maps.ros import place_of_map
 from resgrid.scene.recordings.snapshot import MapSnapshot
 
@@ -38,14 +36,13 @@ def check_map_table(table: Mapping[str, Any]) -> None:
             f"a map has no option {key!r}; {suggestion(key, MAP_KEYS) or 'options: ' + ', '.join(MAP_KEYS)}"
         )
     crop = table.get("crop")
-    if crop is None or crop == "known":
+    if crop is None or (isinstance(crop, str) and crop == "known"):
         return
-    if isinstance(crop, str) or len(crop) != 4 or not all(isfinite(number) for number in crop):
+    if isinstance(crop, str) or not isinstance(crop, Sequence) or len(crop) != 4 or not all(map(is_number, crop)):
         raise InputError(
             f"map.crop = {crop!r}: give known, or the corners of a box in world coordinates: x0, y0, x1, y1"
         )
-    if crop[0] >= crop[2] or crop[1] >= crop[3]:
-        raise InputError(f"map.crop = {list(crop)}: the lower corner comes first, and must lie below the upper corner")
+    check_corners(crop)
 
 
 def cells_of_snapshot(snapshot: MapSnapshot, table: Mapping[str, Any], extent: float = 0.0) -> MapCells:
@@ -56,15 +53,11 @@ def cells_of_snapshot(snapshot: MapSnapshot, table: Mapping[str, Any], extent: f
     """
     axes, frame = place_of_map(snapshot.origin, snapshot.resolution, snapshot.occupancy.shape)
     lethal, least = table.get("lethal"), table.get("least_conductivity")
-    if least is not None:
-        lethal = lethal or OCCUPIED
-    cell, unknown = cells_of_occupancies(snapshot.occupancy, table.get("unknown", "obstacle"), lethal)
     costs = None
     if least is not None:
-        values = np.clip(snapshot.occupancy.T, 0, 100).astype(np.float64)
-        costs = np.ascontiguousarray(
-            np.where(values < (lethal or OCCUPIED), least ** (values / (lethal or OCCUPIED)), 1.0)
-        )
+        lethal = OCCUPIED_FROM if lethal is None else lethal
+        costs = conductivities(snapshot.occupancy.T, least, lethal)
+    cell, unknown = cells_of_occupancies(snapshot.occupancy, table.get("unknown", "obstacle"), lethal)
     preparation = Preparation.of(table, extent)
     try:
         cells = preparation.apply(LoadedMap(MapCells(axes, cell, frame, costs, unknown)), table.get("periodic") or ())

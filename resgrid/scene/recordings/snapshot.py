@@ -264,7 +264,7 @@ def stamp_of(message: Any) -> int:
 
 
 def frame_name(text: str) -> str:
-    """Return the name of a frame without a leading slash, as tf2 has it."""
+    """Return the name of a frame without a leading slash, as in tf2."""
     return text.removeprefix("/")
 
 
@@ -277,8 +277,8 @@ def seconds_text(nanoseconds: int) -> str:
 def yaw_of(quaternion: tuple[float, float, float, float]) -> tuple[float, float]:
     """Return the heading in radians of a rotation (x, y, z, w), and the cosine of its tilt from the vertical.
 
-    The quaternion need not be normalized; (0, 0, 0, 0), which many nodes send, is no rotation.  Raise InputError for
-    numbers that are not finite.
+    The quaternion need not be normalized; (0, 0, 0, 0), which many nodes send, stands for no rotation.  Raise
+    InputError for numbers that are not finite.
     """
     norm = hypot(*quaternion)
     if not isfinite(norm):

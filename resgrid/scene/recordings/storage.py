@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 Storage = Literal["bag", "sqlite3", "mcap"]
 """Kind of file: a bag of ROS 1, or a database or MCAP file of ROS 2."""
 
+STORAGES: dict[str, Storage] = {".bag": "bag", ".db3": "sqlite3", ".mcap": "mcap"}
+"""Kind of file by suffix."""
+
 GRID, UPDATE = "nav_msgs/msg/OccupancyGrid", "map_msgs/msg/OccupancyGridUpdate"
 TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 POSE, POSE_WITH_COVARIANCE = "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/PoseWithCovarianceStamped"
@@ -98,10 +101,10 @@ def storage_of(path: Path) -> Storage:
             raise InputError(f"{path}: this folder has no metadata.yaml; {remedy}")
         text = (path / "metadata.yaml").read_text(encoding="utf-8", errors="replace")
         return "mcap" if "storage_identifier: mcap" in text else "sqlite3"
-    if path.suffix in {".bag", ".db3", ".mcap"}:
+    if path.suffix in STORAGES:
         if not path.stat().st_size:
             raise InputError(f"{path}: the file is empty; copy or record it again")
-        return "bag" if path.suffix == ".bag" else "mcap" if path.suffix == ".mcap" else "sqlite3"
+        return STORAGES[path.suffix]
     if path.suffix == ".active":
         raise InputError(f"{path}: this recording was not closed; {_REINDEX['bag']}, and rename it to .bag")
     if path.suffix in {".zstd", ".zst"}:
@@ -158,7 +161,7 @@ class Bag:
 
         name, place = connection.msgtype, f"{self.path}: topic {connection.topic}"
         if name not in READ:
-            raise InputError(f"{place} has messages of type {_short(name)}, which are not read")
+            raise InputError(f"{place} has messages of type {short_type(name)}, which are not read")
         if connection.msgdef.format != MessageDefinitionFormat.MSG:
             return
         try:
@@ -168,8 +171,8 @@ class Bag:
             other = name
         if other is not None:
             raise InputError(
-                f"{place}: the type {_short(other)} has another definition in this recording than in ROS; convert the "
-                "recording to the usual definition"
+                f"{place}: the type {short_type(other)} has another definition in this recording than in ROS; convert "
+                "the recording to the usual definition"
             )
 
 
@@ -213,6 +216,6 @@ def reading(path: Path, storage: Storage, counts: dict[str, int] | None = None) 
         ) from None
 
 
-def _short(name: str) -> str:
-    """Return the name of a message type without ``/msg``, as users know it."""
+def short_type(name: str) -> str:
+    """Return the name of a message type without ``/msg``, such as ``nav_msgs/OccupancyGrid``."""
     return name.replace("/msg/", "/")

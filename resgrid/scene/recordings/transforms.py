@@ -26,7 +26,6 @@ _LONG_GAP = 10 * 10**9
 _MAX_DEPTH = 1000
 """Largest number of frames between a frame and the root, to end at a cycle of frames; tf2 has the same number."""
 
-
 _UNIT = 0.01
 """Deviation from 1 of the squared length of a quaternion, from which tf2 ignores a transform."""
 
@@ -70,6 +69,7 @@ class Transform:
 
 
 def _product(one: Quaternion, two: Quaternion) -> Quaternion:
+    """Return the product of two quaternions, the rotation by `two` and then by `one`."""
     x, y, z, w = one
     a, b, c, d = two
     return (
@@ -79,6 +79,7 @@ def _product(one: Quaternion, two: Quaternion) -> Quaternion:
 
 
 def _rotated(turn: Quaternion, vector: Vector) -> Vector:
+    """Return a vector after the rotation by a unit quaternion."""
     x, y, z, w = turn
     return _product(_product(turn, (*vector, 0.0)), (-x, -y, -z, w))[:3]
 

@@ -41,6 +41,9 @@ _BYTES_PER_NODE = (140.0, 320.0)
 _FREE, _OCCUPIED, _INNER = 1, 2, 3
 """Codes of a child in ``.bt`` files; 0 is unknown."""
 
+_NO_CUBES = np.empty((0, 4), dtype=np.int32)
+"""Cubes of a tree without nodes."""
+
 
 @dataclass(frozen=True, eq=False)
 class Octree:
@@ -129,17 +132,7 @@ def _binary_leaves(body: bytes, size: int, resolution: float, path: Path) -> Oct
     inner_children = {
         word: [child for child in reversed(range(8)) if word >> 2 * child & 3 == _INNER] for word in set(stream)
     }
-    corners: list[tuple[int, int, int, int]] = []
-    stack = [(0, 0, 0, MIDDLE)] if size else []
-    while stack:
-        x, y, z, half = node = stack.pop()
-        if len(corners) == len(stream) or not half:
-            raise _damaged(path)
-        children = inner_children[stream[len(corners)]]
-        corners.append(node)
-        for child in children:
-            stack.append((x + half * (child & 1), y + half * (child >> 1 & 1), z + half * (child >> 2), half >> 1))
-    inner = np.array(corners, dtype=np.int32).reshape(-1, 4)
+    inner = _halved(_cubes_of_nodes(stream, inner_children, 2, path) if size else _NO_CUBES)
     codes = words[: len(inner), np.newaxis] >> 2 * np.arange(8, dtype=np.uint16) & 3
     if size and size != 1 + int(np.count_nonzero(codes)):
         raise _damaged(path)
@@ -158,28 +151,41 @@ def _full_leaves(body: bytes, dtype: np.dtype[np.void], size: int, scale: tuple[
         raise _damaged(path)
     nodes = np.frombuffer(body[: size * dtype.itemsize], dtype)
     present = nodes["children"].tolist()
-    children_of = [[child for child in reversed(range(8)) if bits >> child & 1] for bits in range(256)]
-    corners: list[tuple[int, int, int, int]] = []
-    stack = [(0, 0, 0, 2 * MIDDLE)] if size else []
-    while stack:
-        x, y, z, width = node = stack.pop()
-        if len(corners) == size or not width:
-            raise _damaged(path)
-        children = children_of[present[len(corners)]]
-        corners.append(node)
-        half = width >> 1
-        for child in children:
-            stack.append((x + half * (child & 1), y + half * (child >> 1 & 1), z + half * (child >> 2), half))
-    if len(corners) != size:
+    children_of = {bits: [child for child in reversed(range(8)) if bits >> child & 1] for bits in range(256)}
+    cubes = _cubes_of_nodes(present, children_of, 1, path) if size else _NO_CUBES
+    if len(cubes) != size:
         raise _damaged(path)
-    cubes = np.array(corners, dtype=np.int32).reshape(-1, 4)
     is_leaf = nodes["children"] == 0
     if not np.isfinite(nodes["value"][is_leaf]).all():
         raise _damaged(path)
     is_occupied = nodes["value"] >= threshold
-    inner = cubes[~is_leaf] // np.array([1, 1, 1, 2], dtype=np.int32)
+    inner = _halved(cubes[~is_leaf])
     bits = nodes["children"][~is_leaf, np.newaxis] >> np.arange(8, dtype=np.uint8) & 1
     return Octree(resolution, cubes[is_leaf & ~is_occupied], cubes[is_leaf & is_occupied], inner, bits == 0)
+
+
+def _cubes_of_nodes(codes: list[int], children: dict[int, list[int]], least: int, path: Path) -> NDArray[np.int32]:
+    """Return the cubes (n, 4) of the nodes of a tree in depth-first order: lower corner and width in voxels.
+
+    `codes`: one code for every node, and possibly further ones; `children`: numbers of the children of a node by its
+    code, the last one first; `least`: smallest width of a node.
+    """
+    cubes: list[tuple[int, int, int, int]] = []
+    stack = [(0, 0, 0, 2 * MIDDLE)]
+    while stack:
+        x, y, z, width = node = stack.pop()
+        if len(cubes) == len(codes) or width < least:
+            raise _damaged(path)
+        half = width >> 1
+        for child in children[codes[len(cubes)]]:
+            stack.append((x + half * (child & 1), y + half * (child >> 1 & 1), z + half * (child >> 2), half))
+        cubes.append(node)
+    return np.array(cubes, dtype=np.int32)
+
+
+def _halved(cubes: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Return cubes (n, 4) with half their widths."""
+    return cubes // np.array([1, 1, 1, 2], dtype=np.int32)
 
 
 def _child_cubes(inner: NDArray[np.int32], which: NDArray[np.bool_]) -> NDArray[np.int32]:
