@@ -237,7 +237,7 @@ class Chip:
             if not isinstance(getattr(self, name), kind):
                 raise InputError(f"{name} = {getattr(self, name)!r} must be a {kind.__name__}")
         check_fields(self)
-        if faults := list(process_problems(self)):
+        if faults := list(process_problems(vars(self))):
             raise InputError("; ".join(faults))
         if self.process is not None:
             self.with_process()  # checks the values of the process together with the given ones
@@ -263,7 +263,7 @@ class Chip:
         """
         if self.process is None:
             return self
-        return dataclasses.replace(self, process=None, corner=None, **process_values(self))
+        return dataclasses.replace(self, process=None, corner=None, **process_values(vars(self)))
 
 
 def _supply_problems(chip: Chip) -> Iterator[str]:

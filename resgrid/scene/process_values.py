@@ -2,31 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 from resgrid.errors import InputError
 from resgrid.processes.reading import read_process
-
-if TYPE_CHECKING:
-    from resgrid.scene.chip import Chip
 
 _MICRO = 1e6
 """Micrometres per metre."""
 
 
-def process_problems(chip: Chip) -> Iterator[str]:
+def process_problems(chip: Mapping[str, Any]) -> Iterator[str]:
     """Yield the problems of the process keys of a chip description, one sentence each.
 
-    `chip`: the description, whose other keys may still be inconsistent.
+    `chip`: values of all keys of the description, which may still be inconsistent.
     """
-    if chip.process is None:
-        if chip.corner is not None:
-            yield f'corner = "{chip.corner}" needs a process; give process, or remove corner'
+    process, corner = chip["process"], chip["corner"]
+    if process is None:
+        if corner is not None:
+            yield f'corner = "{corner}" needs a process; give process, or remove corner'
         return
     try:
-        resistor = read_process(chip.process).resistor
-        resistor.at_corner(chip.corner or "typical")
+        resistor = read_process(process).resistor
+        resistor.at_corner(corner or "typical")
     except InputError as error:
         yield str(error)
         return
@@ -34,41 +32,41 @@ def process_problems(chip: Chip) -> Iterator[str]:
         ("preferred", "a process draws resistors by sheet resistance"),
         ("length", "process, width and resistance determine the length of every resistor"),
     ):
-        if getattr(chip, key) is not None:
+        if chip[key] is not None:
             yield f"process and {key} contradict each other: {reason}; remove {key} or process"
-    if chip.sheet_resistance is not None and chip.corner is not None:
+    if chip["sheet_resistance"] is not None and corner is not None:
         yield (
-            f'corner = "{chip.corner}" has no effect, because sheet_resistance is given; remove sheet_resistance or '
-            "corner"
+            f'corner = "{corner}" has no effect, because sheet_resistance is given; remove sheet_resistance or corner'
         )
     width = _width(chip)
     if width < resistor.min_width * (1 - 1e-9):
         yield (
-            f"width = {width:g} um is below the smallest width of {chip.process}, {resistor.min_width:g} um; give at "
+            f"width = {width:g} um is below the smallest width of {process}, {resistor.min_width:g} um; give at "
             f'least "{resistor.min_width:g}u"'
         )
         return
-    sheet = chip.sheet_resistance or resistor.sheet_resistance
-    length = chip.resistance * width / sheet
+    sheet = chip["sheet_resistance"] or resistor.sheet_resistance
+    resistance = chip["resistance"]
+    length = resistance * width / sheet
     if length < resistor.min_length * (1 - 1e-9):
         yield (
-            f"resistance = {chip.resistance:g} ohm needs a length of {length:.3g} um at a width of {width:g} um, below "
-            f"the smallest length of {chip.process}, {resistor.min_length:g} um; give at least "
+            f"resistance = {resistance:g} ohm needs a length of {length:.3g} um at a width of {width:g} um, below "
+            f"the smallest length of {process}, {resistor.min_length:g} um; give at least "
             f"{resistor.min_length * sheet / width:.4g} ohm, or a smaller width"
         )
 
 
-def process_values(chip: Chip) -> dict[str, Any]:
+def process_values(chip: Mapping[str, Any]) -> dict[str, Any]:
     """Return the values of the keys that the process of a chip sets; explicit keys of the description are left out.
 
     The resistance is that of the corner: resistors are drawn for the typical sheet resistance.  The Pelgrom coefficient
-    contains the deviations of width and length at the nominal resistance (`Resistor.pelgrom`).  `chip`: a description
-    with a process and without problems.
+    contains the deviations of width and length at the nominal resistance (`Resistor.pelgrom`).  `chip`: values of all
+    keys of a description with a process and without problems.
     """
-    assert chip.process is not None
-    resistor, width = read_process(chip.process).resistor, _width(chip)
-    typical = chip.sheet_resistance or resistor.sheet_resistance
-    scale = 1.0 if chip.corner is None else resistor.at_corner(chip.corner) / resistor.sheet_resistance
+    assert chip["process"] is not None
+    resistor, width = read_process(chip["process"]).resistor, _width(chip)
+    typical = chip["sheet_resistance"] or resistor.sheet_resistance
+    scale = 1.0 if chip["corner"] is None else resistor.at_corner(chip["corner"]) / resistor.sheet_resistance
     found: dict[str, Any] = {
         "width": width / _MICRO,
         "sheet_resistance": typical * scale,
@@ -76,13 +74,13 @@ def process_values(chip: Chip) -> dict[str, Any]:
         "tc1": resistor.tc1,
         "tc2": resistor.tc2,
     }
-    if chip.mismatch is None:
-        found["pelgrom"] = resistor.pelgrom(width, chip.resistance * width / typical)
-    given = {key: value for key, value in found.items() if value is not None and getattr(chip, key) is None}
-    return {**given, "resistance": chip.resistance * scale}
+    if chip["mismatch"] is None:
+        found["pelgrom"] = resistor.pelgrom(width, chip["resistance"] * width / typical)
+    given = {key: value for key, value in found.items() if value is not None and chip[key] is None}
+    return {**given, "resistance": chip["resistance"] * scale}
 
 
-def _width(chip: Chip) -> float:
+def _width(chip: Mapping[str, Any]) -> float:
     """Return the width of a chip's resistors in micrometres; the smallest width of the process by default."""
-    assert chip.process is not None
-    return read_process(chip.process).resistor.min_width if chip.width is None else chip.width * _MICRO
+    assert chip["process"] is not None
+    return read_process(chip["process"]).resistor.min_width if chip["width"] is None else chip["width"] * _MICRO
