@@ -19,6 +19,7 @@ from resgrid.hardware.comparison import (
 from resgrid.hardware.extracted_circuit import read_kicad_spice, simulate_kicad_spice, solve_extracted
 from resgrid.hardware.hardware_check import HardwareCheck
 from resgrid.hardware.kicad_reports import BoardReports, copper_nets, report_board, stated_nets
+from resgrid.hardware.list_checks import check_lists
 from resgrid.hardware.record import HardwareRecord, read_record
 from resgrid.hardware.tools import TIMEOUT, find_kicad
 from resgrid.scene.quantities import parse_quantity
@@ -50,7 +51,8 @@ def check_board(
     SPICE netlist.  Four circuits are compared with the record beside the board, part by part and net by net: the nets
     that the board file states (IPC-D-356), the nets that the copper of the Gerber and drill files connects, the
     schematic (SPICE netlist), and the values on the board.  The voltages of the connected copper (by `resgrid.solve`)
-    and of the SPICE netlist (by ngspice) are compared with the record's voltages.
+    and of the SPICE netlist (by ngspice) are compared with the record's voltages.  So are the bill of materials and the
+    list of expected voltages, if they lie beside the board.
 
     Parameters
     ----------
@@ -86,6 +88,7 @@ def check_board(
         raise InputError(f"{board}: its record describes a {record.kind}; write the board again")
     work = _Work()
     _check_record(work, record, tolerance)
+    work.findings += check_lists(record, board.parent)
     try:
         kicad = find_kicad()
     except ToolMissingError as error:

@@ -93,6 +93,25 @@ def test_a_changed_record_contradicts_itself_and_the_board(board: Path) -> None:
     assert any(finding.startswith("board: R5: 10000 ohm instead of 20000") for finding in check.findings)
 
 
+def test_lists_that_contradict_the_record_are_found(board: Path) -> None:
+    voltages, bill = board / "expected_voltages.csv", board / "bill_of_materials.csv"
+    lines = voltages.read_text().splitlines()
+    record = rg.hardware.read_record(board / "grid.kicad_pcb")
+    expected = record.voltages[record.part["TP2"].nets[0]]
+    fields = lines[2].split(",")
+    fields[-2] = f"{expected + 2e-6:.6f}"
+    voltages.write_text("\n".join([lines[0], ",".join(fields), *lines[3:]]))
+    bill.write_text(bill.read_text().replace("10k ohm", "12k ohm", 1))
+    findings = rg.hardware.check_board(board).findings
+    assert "expected_voltages.csv: TP1 is missing" in findings
+    assert f"expected_voltages.csv: TP2: {expected + 2e-6:.6f} V instead of {expected:.6f} V" in findings
+    assert "bill_of_materials.csv: R5: 12000 ohm instead of 10000" in findings
+    bill.write_text("references,quantity,value,package,tolerance,description\nR1-Q3,1,1,1,1,resistor\n")
+    voltages.write_bytes(b"pad,volts\xff\n")
+    unreadable = [text for text in rg.hardware.check_board(board).findings if "csv" in text]
+    assert len(unreadable) == 2 and "'R1-Q3' is not a reference" in unreadable[1]
+
+
 def test_without_a_schematic_the_board_is_not_verified(board: Path) -> None:
     for sheet in board.glob("*.kicad_sch"):
         sheet.unlink()

@@ -1,0 +1,92 @@
+"""Comparison of the lists beside a board, for ordering and measuring, with the record of the board."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+from resgrid._internal.files import read_text
+from resgrid.errors import InputError
+from resgrid.hardware.comparison import compare_values
+from resgrid.hardware.record import HardwareRecord
+from resgrid.scene.quantities import parse_quantity
+
+VOLTAGES = "expected_voltages.csv"
+"""Name of the list with the expected voltage of every test pad."""
+
+BILL = "bill_of_materials.csv"
+"""Name of the list with the parts to order."""
+
+SHOWN_STEP = 1e-6
+"""Voltages in the list are rounded to multiples of this step, in volts."""
+
+_RANGE = re.compile(r"([A-Z]+)(\d+)(?:-\1(\d+))?")
+"""A reference, or a range of references: ``R7``, ``R1-R3``."""
+
+
+def check_lists(record: HardwareRecord, folder: Path) -> list[str]:
+    """Return a message for every entry of the lists beside a board that contradicts its record.
+
+    `folder`: folder of the board; a list that is absent is not compared.
+    """
+    messages = []
+    for name, differences in ((VOLTAGES, _voltage_differences), (BILL, _bill_differences)):
+        if not (folder / name).exists():
+            continue
+        try:
+            rows = list(csv.DictReader(read_text(folder / name).splitlines(), strict=True))
+            messages += [f"{name}: {difference}" for difference in differences(record, rows)]
+        except InputError as error:
+            messages.append(str(error))
+        except (KeyError, ValueError, TypeError, AttributeError, csv.Error) as error:
+            messages.append(f"{name} cannot be read: {type(error).__name__} {error}; write the board again")
+    return messages
+
+
+def _voltage_differences(record: HardwareRecord, rows: list[dict[str, str]]) -> Iterator[str]:
+    """Yield the differences of a list of expected voltages; `rows`: its lines by column name."""
+    pads = {part.reference: part.nets[0] for part in record.parts if part.type == "test_pad"}
+    listed = {row["pad"]: row for row in rows}
+    yield from (f"{pad} is missing" for pad in pads if pad not in listed)
+    for pad, row in listed.items():
+        if pad not in pads:
+            yield f"{pad} is not in the record"
+            continue
+        net, volts = pads[pad], float(row["volts"])
+        if row["net"] != net:
+            yield f"{pad} is on {row['net']} instead of {net}"
+        expected = record.voltages.get(net)
+        if expected is not None and not abs(volts - expected) <= 0.51 * SHOWN_STEP:
+            yield f"{pad}: {row['volts']} V instead of {expected:.6f} V"
+
+
+def _bill_differences(record: HardwareRecord, rows: list[dict[str, str]]) -> Iterator[str]:
+    """Yield the differences of a bill of materials, in its resistors; `rows`: its lines by column name."""
+    found: dict[str, float | None] = {}
+    for row in rows:
+        if row["description"].startswith("resistor"):
+            references = list(_expanded(row["references"]))
+            if int(row["quantity"]) != len(references):
+                yield f"{row['references']} are {len(references)} parts, but the quantity is {row['quantity']}"
+            found |= dict.fromkeys(references, parse_quantity(row["value"].removesuffix(" ohm")))
+    yield from _absent_resistors(record, found)
+    yield from compare_values(record, found)
+
+
+def _absent_resistors(record: HardwareRecord, found: Mapping[str, float | None]) -> Iterator[str]:
+    """Yield the resistors that only one of record and bill has; `found`: ohms by reference in the bill."""
+    resistors = [part.reference for part in record.parts if part.type == "resistor"]
+    yield from (f"{reference} is missing" for reference in resistors if reference not in found)
+    yield from (f"{reference} is not in the record" for reference in sorted(found.keys() - set(resistors)))
+
+
+def _expanded(references: str) -> Iterator[str]:
+    """Yield the single references of a text with ranges; raise ValueError for other text."""
+    for word in references.split():
+        match = _RANGE.fullmatch(word)
+        if match is None:
+            raise ValueError(f"{word!r} is not a reference")
+        kind, first, last = match.groups()
+        yield from (f"{kind}{number}" for number in range(int(first), int(last or first) + 1))
