@@ -163,6 +163,7 @@ class Drawing:
 
 def drawing_of(scene: Scene) -> Drawing:
     """Return the drawing of a scene with two axes; raise InputError for another number of axes."""
+    from resgrid.robots import Arm
     from resgrid.scene import build_space
     from resgrid.scene.overrides import document_of
 
@@ -192,7 +193,7 @@ def drawing_of(scene: Scene) -> Drawing:
         driven=scene.drive == "start" and scene.boundary == "neumann",
         chip=_changed(chip),
         broken=tuple(tuple(place) for place in broken),
-        world=None if scene.robot.base is None or scene.map is not None else document,
+        world=document if isinstance(scene.robot, Arm) and scene.map is None else None,
         goal_points=_goal_points(space),
     )
 

@@ -14,7 +14,7 @@ import pytest
 from PIL import Image
 from playwright.sync_api import Browser, Page
 from support.cli import answer
-from support.pages import drag, kept, lines, link_of, point_on, settle, until
+from support.pages import drag, example_names, kept, lines, link_of, open_example, point_on, settle, until
 
 import resgrid as rg
 from resgrid._internal.colours import GOAL
@@ -216,7 +216,7 @@ def test_the_transient_plays_to_the_steady_field_and_ends_at_an_edit(shown: Page
 
 
 def test_actions_without_an_edit_keep_history_frames_and_transient(shown: Page):
-    shown.select_option("#examples", "ring")
+    open_example(shown, "ring")
     until(shown, "live.model.scene.title === 'Ring'")
     settle(shown)
     past, frames = shown.evaluate("live.model.past.length"), shown.evaluate("live.frames.length")
@@ -230,7 +230,8 @@ def test_actions_without_an_edit_keep_history_frames_and_transient(shown: Page):
     shown.locator("#k").evaluate(
         "(k) => { k.dispatchEvent(new Event('input')); k.dispatchEvent(new Event('change')); }"
     )
-    shown.evaluate("document.getElementById('examples').dispatchEvent(new Event('change'))")  # the same example again
+    shown.locator("#examples").click()
+    shown.locator("#choosing [data-example=ring]").click()  # the same example again
     shown.wait_for_timeout(500)
     assert shown.locator("#film").is_visible()
     assert shown.evaluate("live.model.past.length") == past
@@ -238,25 +239,73 @@ def test_actions_without_an_edit_keep_history_frames_and_transient(shown: Page):
     assert shown.evaluate("live.model.before === null")
 
 
-def test_the_example_menu_shows_the_current_scene_and_its_changes(shown: Page):
-    chosen = "document.getElementById('examples').selectedOptions[0].textContent"
-    assert shown.evaluate(chosen) == "Drawing"
-    shown.select_option("#examples", "chair")
-    until(shown, "live.model.scene.world !== null")
+def test_the_title_names_the_example_and_its_changes(shown: Page):
+    title = "document.getElementById('title').textContent"
+    assert shown.evaluate(title) == "Drawing"
+    assert shown.locator("#example").is_hidden()
+    open_example(shown, "chair")
     settle(shown)
-    assert shown.evaluate(chosen) == "Problem 2: a chair"
-    shown.select_option("#examples", "rooms")
-    until(shown, "live.model.scene.title === 'Rooms'")
+    assert shown.evaluate(title) == "Problem 2: a chair"
+    assert "drag the seat" in shown.inner_text("#about")
+    open_example(shown, "rooms")
     settle(shown)
-    assert (shown.evaluate(chosen), shown.evaluate("live.model.scene.k")) == ("Rooms", 1)
+    assert (shown.evaluate(title), shown.evaluate("live.model.scene.k")) == ("Rooms", 1)
     assert "all 3 paths reach a goal" in shown.inner_text("#quality")
     drag(shown, [(10, 70), (12, 70)])
-    until(shown, f"{chosen} === 'Rooms (changed)'")
+    until(shown, f"{title} === 'Rooms (changed)'")
     shown.get_by_role("button", name="Undo").click()
-    until(shown, f"{chosen} === 'Rooms'")
-    shown.get_by_role("button", name="Clear walls").click()
-    until(shown, f"{WALL} === 0")
+    until(shown, f"{title} === 'Rooms'")
+    for earlier in ("Problem 2: a chair", "Drawing"):  # examples are steps of the undo history
+        shown.get_by_role("button", name="Undo").click()
+        until(shown, f"{title} === '{earlier}'")
+    assert shown.locator("#example").is_hidden()
+
+
+def test_clear_walls_is_one_undo_step_and_keeps_goals_starts_and_mud(shown: Page):
+    clear = shown.get_by_role("button", name="Clear walls")
+    assert clear.is_disabled()  # the drawing has no walls
+    open_example(shown, "rooms")
+    shown.get_by_role("button", name="Mud").click()
+    drag(shown, [(20, 60), (30, 60)])
     settle(shown)
+    before, scene = kept(shown), shown.evaluate("live.model.scene")
+    clear.click()
+    settle(shown)
+    after = shown.evaluate("live.model.scene")
+    assert shown.evaluate(WALL) == 0 and clear.is_disabled()
+    assert (after["goals"], after["starts"]) == (scene["goals"], scene["starts"])
+    assert shown.evaluate("live.model.scene.cells.some((byte) => byte >> 2)")
+    shown.get_by_role("button", name="Undo").click()
+    settle(shown)
+    assert kept(shown) == before and clear.is_enabled()
+
+
+def test_the_keyboard_opens_an_example_and_the_menu_marks_the_current_one(shown: Page):
+    shown.locator("#examples").focus()
+    shown.keyboard.press("Enter")
+    until(shown, "document.getElementById('choosing').open")
+    dialog = shown.get_by_role("dialog", name="Examples")
+    assert dialog.get_by_role("region").count() == 4  # groups with accessible names
+    focused = "document.activeElement.dataset.example"
+    assert shown.evaluate(focused) == example_names(shown)[0]
+    shown.keyboard.press("Tab")
+    second = shown.evaluate(focused)
+    assert second == example_names(shown)[1]
+    shown.keyboard.press("Enter")
+    until(shown, f"live.model.scene.title === '{title_of(shown, second)}'")
+    settle(shown)
+    shown.locator("#examples").click()
+    current = dialog.locator("[aria-current=true]")
+    assert current.get_attribute("data-example") == second == shown.evaluate(focused)
+    for entry in shown.evaluate("live.panel.examples"):
+        assert dialog.get_by_role("button", name=f"{entry['title']} {entry['about']}", exact=True).count() == 1
+    shown.keyboard.press("Escape")
+    assert shown.evaluate("document.activeElement.id") == "examples"
+
+
+def title_of(page: Page, name: str) -> str:
+    """Return the title of an example."""
+    return str(next(entry["title"] for entry in page.evaluate("live.panel.examples") if entry["name"] == name))
 
 
 def test_angles_and_greek_axis_names_are_typeset(shown: Page):
@@ -287,7 +336,7 @@ def test_the_cell_card_does_not_cover_the_grid(shown: Page):
 
 
 def test_a_link_opens_the_same_drawing_and_paths_in_another_browser(served: LivePage, chromium: Browser, shown: Page):
-    shown.select_option("#examples", "ring")
+    open_example(shown, "ring")
     until(shown, "live.model.scene.title === 'Ring'")
     flaws = "broken: [[3, 4, 0], [5, 5, 1]], wall: 2000, chip: { mismatch: 0.1, seed: 7 }"
     shown.evaluate(f"live.model.replace({{ ...live.model.scene, {flaws} }})")
@@ -312,12 +361,10 @@ def test_the_drawing_survives_a_reload_of_the_page(shown: Page):
 
 
 def test_every_example_opens_with_a_certified_path(shown: Page):
-    names = shown.locator("#examples option").evaluate_all("options => options.map(o => o.value).filter(Boolean)")
+    names = example_names(shown)
     assert "rooms" in names
     for name in names:
-        past = shown.evaluate("live.model.past.length")
-        shown.select_option("#examples", name)
-        until(shown, f"live.model.past.length > {past}")
+        open_example(shown, name)
         settle(shown)
         assert "✓ certified" in shown.inner_text("#quality"), name
 
@@ -451,7 +498,7 @@ def test_a_read_only_page_rejects_strokes(chromium: Browser):
 
 
 def test_workspace_obstacles_of_an_arm_are_dragged_by_mouse(shown: Page):
-    shown.select_option("#examples", "chair")
+    open_example(shown, "chair")
     until(shown, "live.model.scene.world !== null && live.world.poses.length > 1")
     settle(shown)
     walls, first = shown.evaluate(WALL), kept(shown)
@@ -478,7 +525,7 @@ def test_workspace_obstacles_of_an_arm_are_dragged_by_mouse(shown: Page):
 
 
 def test_late_cells_of_an_arm_do_not_change_a_newer_scene(shown: Page):
-    shown.select_option("#examples", "chair")
+    open_example(shown, "chair")
     until(shown, "live.model.scene.world !== null && live.world.poses.length > 1")
     settle(shown)
     left, now = shown.evaluate(
@@ -498,7 +545,7 @@ def test_late_cells_of_an_arm_do_not_change_a_newer_scene(shown: Page):
 
 
 def test_workspace_obstacles_of_an_arm_are_moved_by_keys(shown: Page):
-    shown.select_option("#examples", "chair")
+    open_example(shown, "chair")
     until(shown, "live.model.scene.world !== null && live.world.poses.length > 1")
     settle(shown)
     lower = "live.model.scene.world.obstacle[0].lower[1]"

@@ -1,7 +1,7 @@
 """Drawings of the live page, compared with their scenes, saved files and messages, and with ``rg.plan``.
 
-Tests internals: `resgrid.live_page.drawing`, `resgrid.live_page.frames`, `resgrid.live_page.messages`,
-`resgrid.live_page.opening`, `resgrid.live_page.saving`, `resgrid.live_page.solving`.
+Tests internals: `resgrid.live_page.arms`, `resgrid.live_page.drawing`, `resgrid.live_page.examples`,
+`resgrid.live_page.frames`, `resgrid.live_page.messages`, `resgrid.live_page.saving`, `resgrid.live_page.solving`.
 """
 
 from __future__ import annotations
@@ -16,12 +16,13 @@ from hypothesis import given, strategies as st
 from hypothesis.extra.numpy import arrays
 
 import resgrid as rg
+from resgrid.live_page.arms import poses
 from resgrid.live_page.drawing import Drawing, blank, boxes, drawing_of, drawing_of_space, is_same_circuit
+from resgrid.live_page.examples import examples, open_example
 from resgrid.live_page.frames import describe
 from resgrid.live_page.messages import DrawingHead, read_drawing, write_drawing
-from resgrid.live_page.opening import examples, open_example
 from resgrid.live_page.saving import save
-from resgrid.live_page.solving import WarmFields, solve_drawing
+from resgrid.live_page.solving import WarmFields, solve_drawing, without_imperfections
 
 
 def assert_same_drawing(one: Drawing, other: Drawing) -> None:
@@ -54,7 +55,7 @@ def test_the_page_and_rg_plan_return_the_same_paths(name, tmp_path):
     scene = open_example(name)
     if scene.drive == "start":
         return
-    drawing = replace(drawing_of(scene), k=0.0)
+    drawing = without_imperfections(replace(drawing_of(scene), k=0.0))
     head, body = write_drawing(drawing)
     shown = solve_drawing(read_drawing(DrawingHead.model_validate(head["drawing"]), body), exact=True).paths
     file = tmp_path / "scene.toml"
@@ -79,11 +80,6 @@ def test_goal_cells_that_stay_keep_their_goal_points():
     assert [number for number, *_ in read_drawing(DrawingHead.model_validate(head["drawing"]), body).goal_points] == (
         numbers[1::2]
     )
-
-
-def test_examples_have_two_axes():
-    assert {"rooms", "lesson", "ring"} <= set(examples())
-    assert "voxels" not in examples()
 
 
 @given(arrays(np.uint8, (7, 5), elements=st.integers(0, 2)), arrays(np.uint8, (7, 5), elements=st.integers(0, 2)))
@@ -220,3 +216,13 @@ def test_is_same_circuit_ignores_titles_starts_and_unused_costs() -> None:
     assert not any(is_same_circuit(first, drawing) for drawing in other)
     driven = replace(first, driven=True, k=0.0)
     assert not is_same_circuit(driven, replace(driven, starts=driven.starts + 1.0))
+
+
+def test_a_robot_from_a_urdf_file_is_drawn_as_its_cells() -> None:
+    """Only an arm of two links has a workspace on the page."""
+    scene = rg.read_scene("scara")
+    drawing = drawing_of(scene)
+    assert drawing.world is None
+    np.testing.assert_array_equal(drawing.cell, rg.build_space(scene).cell)
+    frame = solve_drawing(drawing, exact=True)
+    assert poses(frame) == [] and [path.outcome for path in frame.paths] == ["reached"] * 2

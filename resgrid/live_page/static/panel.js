@@ -2,7 +2,7 @@
 
 import { engineering } from "./circuit.js";
 import { make } from "./layout.js";
-import { centreOf, OBSTACLE } from "./model.js";
+import { centreOf } from "./model.js";
 import { placeOf } from "./names.js";
 
 /** @typedef {import("./model.js").Scene} Scene */
@@ -20,6 +20,7 @@ const select = (id, label, options) => `<label class="row">${label} <select id="
 const check = (name, label) => `<label class="check"><input type="checkbox" id="show-${name}">${label}</label>`;
 
 const HTML = `
+  <section id="example" hidden><h2>In this example</h2><p id="about"></p></section>
   <section><h2>Paths</h2><ul class="paths" id="paths"></ul><span class="note" id="figures"></span></section>
   <section class="editing"><h2>Obstacles</h2>
     ${slider("k", "k, weight of repulsion", 1000)}
@@ -32,7 +33,6 @@ const HTML = `
   </section>
   <section class="editing"><h2>Brush</h2>
     ${slider("brush", "Width", 15, 1)}
-    <button id="clear" title="Remove all walls; keep goals, starts and mud">Clear walls</button>
     ${select("conductivity", "Conductivity of mud", [["3", "3"], ["0.3", "0.3"], ["0.1", "0.1"], ["0.01", "0.01"]])}
   </section>
   <section class="editing"><h2>Imperfections</h2>
@@ -93,6 +93,8 @@ const CONTROLS = {
 };
 
 export class Panel {
+  /** Examples in the order of the menu. @type {import("./examples.js").Example[]} */ examples = [];
+
   /** @param {import("./layout.js").Parts} parts @param {import("./model.js").Model} model @param {import("./tools.js").Tools} tools
    * @param {import("./view.js").View} view */
   constructor(parts, model, tools, view) {
@@ -106,9 +108,6 @@ export class Panel {
       });
       input(id).addEventListener("change", () => model.commit());
     }
-    get("clear").addEventListener("click", () => {
-      if (model.scene) model.replace({ cells: model.scene.cells.map((byte) => byte & ~OBSTACLE) });
-    });
     const setBrush = () => {
       tools.brush = Number(input("brush").value);
       get("brush-out").textContent = `${tools.brush} ${tools.brush > 1 ? "cells" : "cell"}`;
@@ -132,7 +131,9 @@ export class Panel {
 
   /** @param {Scene} scene */
   showScene(scene) {
-    const { get, input } = this.parts;
+    const { get, input } = this.parts, example = this.examples.find(({ title }) => title === scene.title);
+    get("example").hidden = !example;
+    get("about").textContent = example?.about ?? "";
     for (const [id, { read, say }] of Object.entries(CONTROLS)) {
       const value = String(read(scene, input(id).value));
       if (input(id).value !== value) input(id).value = value;
