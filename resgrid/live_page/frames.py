@@ -149,7 +149,8 @@ def _log_drop(frame: SolvedDrawing) -> NDArray[np.float64] | None:
     if log_drop is None:
         return None
     with np.errstate(divide="ignore", invalid="ignore"):  # cells without a path to a goal
-        rest = np.log1p(-field.k) + np.log(np.maximum(1.0 - opened.potential, 0.0))
+        other = np.log(np.maximum(1.0 - opened.potential, 0.0)) if opened.log_drop is None else opened.log_drop
+        rest = np.log1p(-field.k) + other
         return np.asarray(np.logaddexp(np.log(field.k) + log_drop, rest))
 
 
@@ -258,7 +259,8 @@ def _circuit(op: OperatingPoint) -> dict[str, Any] | None:
 
     `resistors`: lists of axis, i, j (the resistor at the lower face of cell (i, j) across this axis), ohms, and volts
     and amperes from the lower to the upper side; `supplies`: name of the rail, volts and delivered amperes of every
-    voltage source; `fed`: amperes injected into every driven node, None without injected currents.
+    voltage source; `fed`: amperes injected into every driven node, None without injected currents; `leak`: median ohms
+    of the leaks of the nodes, None without leaks.
     """
     netlist, cells = op.netlist, op.netlist.cells
     shape = cells.space.shape
@@ -276,7 +278,9 @@ def _circuit(op: OperatingPoint) -> dict[str, Any] | None:
         )
     ]
     fed = float(netlist.current_amps.max()) if len(netlist.current_amps) else None
-    return {"resistors": resistors, "supplies": supplies, "fed": fed}
+    leaks = ohms[cells.leak_cell >= 0]
+    leak = float(np.median(leaks)) if leaks.size else None
+    return {"resistors": resistors, "supplies": supplies, "fed": fed, "leak": leak}
 
 
 def _rail(op: OperatingPoint, node: int) -> str:

@@ -96,6 +96,38 @@ def test_controls_for_k_wall_and_edge_change_the_field(shown: Page):
     assert shown.locator("#k").is_disabled()
 
 
+def test_the_leak_slider_states_its_unit_and_the_screening_length(shown: Page):
+    assert shown.inner_text("#leak-out") == "none"
+    shown.locator("#k").fill("0")
+    settle(shown)
+    assert shown.inner_text("#legend-low") == "goal: potential 0"
+    shown.locator("#leak").fill("30")
+    settle(shown)
+    leak = shown.evaluate("live.model.scene.leak")
+    assert shown.inner_text("#leak-out") == f"{leak:g} / cell²"
+    ohms, length = 10e3 / leak, leak**-0.5
+    assert f"screening length {length:.3g} cell; {ohms / 1e6:.3g} MΩ from every node" in shown.inner_text("#leak-note")
+    assert "✓ certified" in shown.inner_text("#quality") and "decades" in shown.inner_text("#legend-high")
+    drive = shown.locator("#driven")  # open obstacles are driven by the leak
+    assert drive.is_disabled() and "set it to none" in (drive.get_attribute("title") or "")
+    shown.get_by_role("button", name="Undo").click()
+    until(shown, "document.getElementById('leak-out').textContent === 'none'")
+    assert drive.is_enabled() and not drive.get_attribute("title")
+    shown.select_option("#driven", "start")
+    settle(shown)
+    for control in ("k", "wall", "leak"):
+        assert shown.locator(f"#{control}").is_disabled()
+        assert "choose the uniform drive" in (shown.locator(f"#{control}").get_attribute("title") or "")
+
+
+def test_the_ends_of_the_leak_slider_are_one_cell_and_twice_the_grid(shown: Page):
+    for place, length in (("1", 192.0), ("60", 1.0)):
+        shown.locator("#leak").fill(place)
+        settle(shown)
+        assert shown.evaluate("live.model.scene.leak ** -0.5") == pytest.approx(length, rel=0.01)
+        assert shown.locator("#leak").input_value() == place
+
+
 def test_paths_of_k_0_and_k_1_are_shown_on_request(shown: Page):
     shown.locator("#brush").fill("1")
     drag(shown, [(30, 10), (30, 60)])
@@ -253,6 +285,7 @@ def test_the_title_names_the_example_and_its_changes(shown: Page):
     assert "all 3 paths reach a goal" in shown.inner_text("#quality")
     drag(shown, [(10, 70), (12, 70)])
     until(shown, f"{title} === 'Rooms (changed)'")
+    assert shown.inner_text("#example-heading") == "In the example before your changes"
     shown.get_by_role("button", name="Undo").click()
     until(shown, f"{title} === 'Rooms'")
     for earlier in ("Problem 2: a chair", "Drawing"):  # examples are steps of the undo history
@@ -338,7 +371,7 @@ def test_the_cell_card_does_not_cover_the_grid(shown: Page):
 def test_a_link_opens_the_same_drawing_and_paths_in_another_browser(served: LivePage, chromium: Browser, shown: Page):
     open_example(shown, "ring")
     until(shown, "live.model.scene.title === 'Ring'")
-    flaws = "broken: [[3, 4, 0], [5, 5, 1]], wall: 2000, chip: { mismatch: 0.1, seed: 7 }"
+    flaws = "broken: [[3, 4, 0], [5, 5, 1]], wall: 2000, leak: 0.25, chip: { mismatch: 0.1, seed: 7 }"
     shown.evaluate(f"live.model.replace({{ ...live.model.scene, {flaws} }})")
     settle(shown)
     other = chromium.new_context().new_page()

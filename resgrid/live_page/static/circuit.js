@@ -8,6 +8,7 @@ import { cellOf, isWall, numberOf, sizeOf } from "./model.js";
 
 const ROOMY = 44;
 const ZIGZAG = new Path2D("M0 0H.28L.317-.09L.39.09L.463-.09L.537.09L.61-.09L.683.09L.72 0H1");
+const LEAK = new Path2D("M0 0L-.09-.09L-.15-.07L-.13-.15L-.19-.13L-.17-.21L-.23-.19L-.3-.3M-.37-.26L-.26-.37");
 const FED = new Path2D("M0 0L-.22-.22M-.022-.022L-.11-.044M-.022-.022L-.044-.11");
 const SUPPLY = new Path2D("M7 0V7A7 7 0 0 1 7 21A7 7 0 0 1 7 7M7 21V28M0 28H14M2.5 31H11.5M5 34H9M4.5 11.5H9.5M7 9V14");
 
@@ -48,7 +49,7 @@ export function paintCircuit(view, circuit, ink) {
   for (const [i, j] of cells.filter((cell) => !isRail(cell))) {
     view.disc([i + 0.5, j + 0.5], 2.5 * ratio);
     view.fill(ink);
-    if (circuit.fed !== null) wires.addPath(FED, matrix.translate(i + 0.5, j + 0.5));
+    if (circuit.fed !== null || circuit.leak !== null) wires.addPath(circuit.fed === null ? LEAK : FED, matrix.translate(i + 0.5, j + 0.5));
   }
   context.strokeStyle = ink;
   context.lineWidth = Math.max(1, 1.2 * ratio);
@@ -64,9 +65,10 @@ export function paintCircuit(view, circuit, ink) {
 /** Draw the supplies of the rails with voltage and current next to the grid. @param {View} view @param {Circuit} circuit
  * @param {ReturnType<typeof import("./pictures.js").inks>} ink @param {{goal: string, start: string}} colours */
 export function paintSupplies(view, circuit, ink, colours) {
-  const { context, ratio } = view, { supplies, fed } = circuit, values = valuesOf(circuit), [x, y] = view.toPixels(sizeOf(/** @type {Scene} */ (view.scene)));
+  const { context, ratio } = view, { supplies, fed, leak } = circuit, values = valuesOf(circuit), [x, y] = view.toPixels(sizeOf(/** @type {Scene} */ (view.scene)));
   const notes = [values.length === 1 ? `R = ${engineering(values[0], "Ω", 3)}` : "R: see symbols"];
   if (fed !== null) notes.push(`↗ ${engineering(fed, "A", 3)} each`);
+  if (leak !== null) notes.push(`↗ leak ${engineering(leak, "Ω", 3)}`);
   const say = (/** @type {string} */ text, /** @type {number} */ left, /** @type {number} */ top) => (
     view.write(text, x + left * ratio, y + top * ratio, ink.text, "left", 10));
   notes.forEach((note, n) => say(note, 14, 8 + 14 * n));

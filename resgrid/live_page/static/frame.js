@@ -3,8 +3,8 @@
 /**
  * @typedef {{outcome: string | null, points: number, goal?: number, cells?: number, length?: number,
  *   clearance?: number | null, message?: string}} Path
- * @typedef {{resistors: number[][], supplies: {rail: string, volts: number, amperes: number}[], fed: number | null}} Circuit
- *   resistors: axis, i, j, ohms, volts and amperes upwards, across the lower face of cell (i, j)
+ * @typedef {{resistors: number[][], supplies: {rail: string, volts: number, amperes: number}[], fed: number | null, leak: number | null}} Circuit
+ *   leak: median resistance of the leaks of the nodes, in ohms; resistors: axis, i, j, ohms, volts and amperes upwards, across the lower face of cell (i, j)
  * @typedef {object} Frame
  * @property {boolean} exact
  * @property {Path[]} paths

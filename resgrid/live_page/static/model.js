@@ -10,6 +10,7 @@
  * @property {number[][]} starts in axis units
  * @property {number} k
  * @property {number} wall ohms
+ * @property {number} [leak] to the obstacle rail, in 1 / (unit of the axes)^2
  * @property {boolean} driven
  * @property {object} chip
  * @property {number[][]} broken open resistors, as cell and axis: the resistor at the cell's lower face

@@ -21,7 +21,7 @@ import { World } from "./world.js";
 
 const KEPT = "resgrid drawing", THEME = "resgrid theme", SEEN = "resgrid tour";
 const SLOW_MS = 700, KEEP_MS = 400, TOAST_MS = 7000, MOST_BYTES = 5e6;
-const DRAWN = ["cells", "palette", "goals", "starts", "wall", "driven", "edge"];
+const DRAWN = ["cells", "palette", "goals", "starts", "wall", "leak", "driven", "edge"];
 /** Properties of a scene on which comparison paths depend. @type {Record<string, string[]>} */
 const SAME = { ideal: [...DRAWN, "k"], "k = 0": [...DRAWN, "chip", "broken"], "k = 1": [...DRAWN, "chip", "broken"] };
 
@@ -226,6 +226,7 @@ export class Page {
     if (!scene) return;
     const isChanged = opened && opened !== scene && opened.title === scene.title;
     get("title").textContent = `${scene.title || "Drawing"}${isChanged ? " (changed)" : ""}`;
+    get("example-heading").textContent = isChanged ? "In the example before your changes" : "In this example";
   }
 
   #keepSoon() {

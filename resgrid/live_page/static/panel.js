@@ -4,11 +4,11 @@ import { engineering } from "./circuit.js";
 import { make } from "./layout.js";
 import { centreOf } from "./model.js";
 import { placeOf } from "./names.js";
+import { kOf, kSlider, LEAK_STEPS, leakOf, leakOhms, leakSlider, ohmsOf, WALL_STEPS, wallOf, wallSlider } from "./scales.js";
 
 /** @typedef {import("./model.js").Scene} Scene */
 /** @typedef {import("./frame.js").Frame} Frame */
 
-const WALL_STEPS = 60;
 const SHOWN = [["dots", "Current as moving dots"], ["equipotentials", "Equipotentials"], ["arrows", "Arrows"], ["paths", "Paths"], ["circuit", "Circuit, up to 10 × 10 cells"]];
 
 /** @param {string} id @param {string} label @param {number} max @param {number} [min] */
@@ -20,7 +20,7 @@ const select = (id, label, options) => `<label class="row">${label} <select id="
 const check = (name, label) => `<label class="check"><input type="checkbox" id="show-${name}">${label}</label>`;
 
 const HTML = `
-  <section id="example" hidden><h2>In this example</h2><p id="about"></p></section>
+  <section id="example" hidden><h2 id="example-heading"></h2><p id="about"></p></section>
   <section><h2>Paths</h2><ul class="paths" id="paths"></ul><span class="note" id="figures"></span></section>
   <section class="editing"><h2>Obstacles</h2>
     ${slider("k", "k, weight of repulsion", 1000)}
@@ -30,6 +30,10 @@ const HTML = `
     <span class="note">equal for all obstacles</span>
     ${select("edge", "Border", [["obstacle", "obstacle"], ["open", "open"]])}
     ${select("driven", "Drive", [["", "uniform"], ["start", "the start"]])}
+  </section>
+  <section class="editing"><h2>Grid</h2>
+    ${slider("leak", "Leak to the obstacle rail", LEAK_STEPS)}
+    <span class="note" id="leak-note"></span>
   </section>
   <section class="editing"><h2>Brush</h2>
     ${slider("brush", "Width", 15, 1)}
@@ -45,18 +49,16 @@ const HTML = `
   </section>
   <section><h2>Show</h2>${SHOWN.map(([name, label]) => check(name, label)).join("")}</section>`;
 
-/** Return k for a slider position, with fine steps near 1, where the Dirichlet field has its effect. @param {number} t */
-const kOf = (t) => Number((1 - (1 - t / 1000) ** 4).toPrecision(6));
-/** @param {Scene} scene */
-const ohmsOf = ({ chip }) => /** @type {any} */ (chip).resistance ?? 1e4;
-/** Return the wall resistance for a slider position, on a logarithmic scale around the grid's resistance. @param {number} t @param {number} ohms */
-const wallOf = (t, ohms) => (t ? Number((ohms * 10 ** (-3 + (6 * (t - 1)) / (WALL_STEPS - 1))).toPrecision(4)) : 0);
-/** @param {number} wall @param {number} ohms */
-const wallSlider = (wall, ohms) => (wall ? Math.max(1, Math.min(WALL_STEPS, Math.round(1 + ((Math.log10(wall / ohms) + 3) / 6) * (WALL_STEPS - 1)))) : 0);
 /** Return the change of a scene's chip for a mismatch and a seed; without mismatch, both keys are removed. @param {Scene} scene @param {number} sigma @param {number} seed */
 function flawed({ chip }, sigma, seed) {
   const { mismatch, seed: before, ...rest } = /** @type {any} */ (chip);
   return { chip: sigma ? { ...rest, mismatch: sigma, seed } : rest };
+}
+
+/** Return the reasons why controls are disabled, by control; empty texts for enabled ones. @param {Scene} scene @returns {Record<string, string>} */
+function reasonsOf({ driven, leak }) {
+  const byStart = driven ? "The start drives the grid, and obstacles are open: choose the uniform drive." : "";
+  return { k: byStart, wall: byStart, leak: byStart, driven: leak ? "The leak drives the grid with open obstacles: set it to none first." : "" };
 }
 
 /** For every control: change of the scene (write), value from the scene (read), and text next to it (say).
@@ -65,13 +67,18 @@ function flawed({ chip }, sigma, seed) {
 const CONTROLS = {
   k: {
     write: (value) => ({ k: kOf(Number(value)) }),
-    read: ({ k }, value) => (kOf(Number(value)) === k ? value : Math.round(1000 * (1 - (1 - k) ** 0.25))),
+    read: ({ k }, value) => (kOf(Number(value)) === k ? value : kSlider(k)),
     say: ({ k }) => String(k),
   },
   wall: {
     write: (value, scene) => ({ wall: wallOf(Number(value), ohmsOf(scene)) }),
     read: (scene) => wallSlider(scene.wall, ohmsOf(scene)),
     say: ({ wall }) => (wall ? engineering(wall, "Ω") : "none"),
+  },
+  leak: {
+    write: (value, scene) => ({ leak: leakOf(Number(value), scene) }),
+    read: (scene, value) => (leakOf(Number(value), scene) === (scene.leak ?? 0) ? value : leakSlider(scene)),
+    say: ({ leak, axes }) => (leak ? `${leak} / ${axes[0].unit || "unit"}²` : "none"),
   },
   edge: {
     write: (rule, { axes }) => ({ edge: axes.map(({ periodic }) => (periodic ? "periodic" : rule)) }),
@@ -139,7 +146,18 @@ export class Panel {
       if (input(id).value !== value) input(id).value = value;
       if (say) get(`${id}-out`).textContent = say(scene);
     }
-    input("k").disabled = input("wall").disabled = scene.driven;
+    const { leak, axes: [{ unit }] } = scene, length = leak ? Number((leak ** -0.5).toPrecision(3)) : 0;
+    get("leak-note").textContent = leak
+      ? `screening length ${length} ${unit || "units"}; ${engineering(leakOhms(scene), "Ω", 3)} from every node to the obstacle rail`
+      : "a resistor from every node to the obstacle rail";
+    for (const [id, reason] of Object.entries(reasonsOf(scene))) this.#allow(id, reason);
+  }
+
+  /** Enable a control, or disable it with the reason as its tooltip. @param {string} id @param {string} reason empty if it is enabled */
+  #allow(id, reason) {
+    const input = this.parts.input(id), label = input.closest("label") ?? input.previousElementSibling;
+    input.disabled = Boolean(reason);
+    for (const element of [input, label]) if (element instanceof HTMLElement) element.title = reason;
   }
 
   /** Show the reason why there is no field. @param {string} message */
