@@ -25,6 +25,8 @@ obstacle, obstacle ``G``       ``G``                         none
 If exactly one of the two cells is free, ``G`` depends on its conductivity alone.  An edge that counts as an obstacle is
 padded by obstacle cells on the obstacle rail, with the conductivity of the cells at the edge.  An open edge has no
 contacts.  Resistors between obstacle or goal cells exist only if these have nodes (``rails="cells"``, as on a chip).
+
+`resgrid.core.lattice_compiler` compiles the other lattices.
 """
 
 from __future__ import annotations
@@ -40,7 +42,10 @@ from numpy.typing import NDArray
 
 from resgrid._internal.memory import FEWER_CELLS, Remedy, require_grid_memory
 from resgrid.core.cell import Cell
-from resgrid.core.netlist import GROUND, MOST_NODES, CellMap, Netlist
+from resgrid.core.cell_map import CellMap
+from resgrid.core.lattice import SQUARE, require_square
+from resgrid.core.lattice_compiler import compile_lattice
+from resgrid.core.netlist import GROUND, MOST_NODES, Netlist
 from resgrid.core.regions import cells_at_faces, face_counts, face_shape, sides_of_cells, slab, with_margin
 from resgrid.core.space import ConfigurationSpace
 from resgrid.core.wiring import Wiring, WiringOptions, wiring_of
@@ -90,7 +95,8 @@ def compile_space(space: ConfigurationSpace, wiring: Wiring | None = None, **opt
     Returns
     -------
     Netlist
-        Netlist with a `CellMap`.  The order of the nodes is ground, obstacle rail, goal rails, cells in C order.
+        Netlist with a `CellMap`, or a `LatticeMap` for another lattice than "square".  The order of the nodes is
+        ground, obstacle rail, goal rails, cells or sites in C order.
 
     Raises
     ------
@@ -113,6 +119,8 @@ def compile_space(space: ConfigurationSpace, wiring: Wiring | None = None, **opt
     require_netlist_memory(space.shape)
     if not space.goal_count:
         raise InputError(NO_GOAL)
+    if wiring.lattice != SQUARE:
+        return compile_lattice(space, wiring)
     contacts = contacts_of_box(space, wiring)
     nodes = _number_nodes(space, wiring, contacts.kind)
     pairs, conductance, face, upward = _resistors(space, contacts, nodes)
@@ -302,6 +310,7 @@ def contacts_of_box(
     axes, the other axes are complete; `connected`: whether cells not connected to a goal have no node (open obstacles
     only).
     """
+    require_square(wiring.lattice, "this computation of currents through cell faces")
     code = with_margin(space.cell, space.periodic, box, beyond=Cell.OBSTACLE)
     high, low = (CellRole.HIGH, CellRole.LOW) if wiring.rails == "merged" else (CellRole.NODE, CellRole.NODE)
     is_open = wiring.boundary == "neumann"

@@ -10,6 +10,8 @@ import numpy as np
 
 from resgrid._internal.validation import checked
 from resgrid.core.cell import Cell
+from resgrid.core.lattice import LatticeName, require_square
+from resgrid.core.lattices import check_lattice
 from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import CircuitError, InputError, suggestion
 
@@ -38,6 +40,7 @@ class WiringOptions(TypedDict, total=False):
     goal_voltage: float
     wall_resistance: float | None
     start: Sequence[int] | None
+    lattice: LatticeName | None
 
 
 @checked
@@ -71,6 +74,10 @@ class Wiring:
         Resistance in series with every obstacle contact for ``boundary="wall"``, in ohms; 0 is Dirichlet.
     start : sequence of int, optional
         Index of the start cell along every axis, for ``drive="start"``.
+    lattice : {"square", "square8", "cube26", "hexagonal"}
+        Neighbours of a node: face neighbours of cells; also those across corners in the plane (8 neighbours), or across
+        edges and corners in space (26); or six neighbours of a triangular lattice in the plane.  Paths of other
+        lattices than "square" run from node to node (`resgrid.planning.node_path`).
 
     Raises
     ------
@@ -96,6 +103,7 @@ class Wiring:
     goal_voltage: float = 0.0
     wall_resistance: float | None = None
     start: Sequence[int] | None = None
+    lattice: LatticeName = "square"
 
     def __post_init__(self) -> None:
         self._check_drive()
@@ -126,6 +134,8 @@ class Wiring:
 
     def _check_values(self) -> None:
         """Raise InputError unless resistances and voltages are finite, in range, and fit the boundary condition."""
+        if self.rails == "cells":
+            require_square(self.lattice, "a node for every rail cell (rails = 'cells', the chip)")
         if not (0 < self.resistance < np.inf and 1.0 / float(self.resistance) < np.inf):
             raise InputError(f"resistance = {self.resistance}, but it must be positive and finite, in ohms")
         if not (np.isfinite(self.supply) and self.supply != 0 and np.isfinite(self.goal_voltage)):
@@ -197,10 +207,11 @@ class Wiring:
         Raises
         ------
         InputError
-            If the edge rules do not fit the space, or the start is not a free cell.
+            If the edge rules or the lattice do not fit the space, or the start is not a free cell.
         CircuitError
             If no path connects the start to a goal.
         """
+        check_lattice(self.lattice, space)
         if self.start is not None:
             _check_start(space, tuple(self.start))
         return replace(self, edge=self.edges(space))

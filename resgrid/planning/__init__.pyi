@@ -6,7 +6,9 @@ from .blocking_obstacles import (
     Separation as Separation,
 )
 from .clearance_curves import ClearanceCurve as ClearanceCurve, clearance_curve as clearance_curve
+from .lattice_fields import LatticeField as LatticeField, lattice_field as lattice_field
 from .legs import Leg as Leg, LegPath as LegPath
+from .node_paths import NodePath as NodePath, node_path as node_path
 from .normals import surface_normals as surface_normals
 from .planner import Planner as Planner
 from .random_walks import (

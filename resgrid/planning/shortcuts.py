@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from resgrid._internal.numbers import Natural, NotNegative
 from resgrid.core.cell import Cell
 from resgrid.errors import InputError
-from resgrid.planning.certify import certify_collision_free
+from resgrid.planning.certify_segments import certify_collision_free
 from resgrid.planning.clearance import clearance_of
 from resgrid.planning.fields import Field
 from resgrid.planning.streamline import Outcome, ShortPath, Streamline, distinct_rows, length_of

@@ -13,7 +13,7 @@ from resgrid._internal.validation import with_article
 from resgrid._internal.values import frozen, picture_html
 from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError
-from resgrid.planning.failure_reasons import failure_reason
+from resgrid.planning.failure_reasons import FLAT, failure_reason
 from resgrid.planning.fields import Field
 from resgrid.robots import PointRobot, Robot
 
@@ -43,10 +43,6 @@ class Outcome(StrEnum):
     GOAL_BLOCKED = "goal_blocked"
 
 
-_FLAT = (
-    "no current flows here, because these cells are connected to a goal but to no obstacle: open the obstacles "
-    "(boundary = 'neumann', or k below 1), or let the edge count as an obstacle (edge = 'obstacle')"
-)
 _UNSAFE = (
     "the field is not direction-safe from cell {cell} on (too inaccurate to give a direction): solve with accuracy "
     "'direction' (method 'auto', no warm start), or open obstacles with --drive uniform"
@@ -143,7 +139,7 @@ class Streamline:
             if not self.field.safe[cell]:
                 return _UNSAFE.format(cell=cell)
         if self.outcome is Outcome.NO_CURRENT and not self.field.wiring.is_driven:
-            return _FLAT
+            return FLAT
         return failure_reason(self.outcome, self.space, tuple(self.cells[0].tolist()))
 
     @property
