@@ -52,7 +52,7 @@ class HexagonalLattice(Lattice):
     def _row_cells(self) -> NDArray[np.int64]:
         """Index along the second axis of the cells that contain each row, (rows,)."""
         height = (self.first + np.arange(self.shape[1]) * self.row) / self.space.spacing[1]
-        return np.floor(height).astype(np.int64)
+        return np.asarray(np.floor(height), dtype=np.int64)
 
     def beyond(self, step: int, sense: int) -> Index:
         """Return the indices of the neighbours in one direction, without wrapping."""

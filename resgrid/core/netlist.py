@@ -199,7 +199,8 @@ class Netlist:
         if self.lattice_map is not None:
             raise InputError(
                 f"this netlist has the lattice {self.lattice_map.wiring.lattice!r}, and its resistors do not cross "
-                "faces of cells, as is needed here; compile the space with lattice = 'square'"
+                "faces of cells, as is needed here; compile the space with lattice = 'square' (or read the field of "
+                "this lattice by rg.planning.lattice_field)"
             )
         if self.cell_map is None:
             raise InputError(

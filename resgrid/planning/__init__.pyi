@@ -1,5 +1,6 @@
 """Public names of `resgrid.planning`."""
 
+from .any_path import unwrap as unwrap
 from .blocking_obstacles import (
     Obstruction as Obstruction,
     SceneSeparation as SceneSeparation,
@@ -20,7 +21,7 @@ from .random_walks import (
     random_walk as random_walk,
 )
 from .replanning import Replanning as Replanning
-from .streamline import ShortPath as ShortPath, unwrap as unwrap
+from .short_path import ShortPath as ShortPath
 from .time_parameterization import Trajectory as Trajectory
 from .trace import Traces as Traces
 from .workspace import (

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from resgrid.core.cell import Cell
 from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import CertificateError, InputError
+from resgrid.planning.any_path import AnyPath
 from resgrid.planning.clearance import face_crossings
-from resgrid.planning.streamline import AnyPath
 
 Cells = set[tuple[int, ...]]
 _LONGEST = 10_000_000  # maximum length of a segment, in cells along an axis

@@ -61,6 +61,8 @@ class NodePath:
         Points in world coordinates.
     axis_points : ndarray of float64, shape (n, ndim)
         Points in axis units, within the range of periodic axes.
+    point_cells : ndarray of int64, shape (n, ndim)
+        Cell of every row of `axis_points`.
     reason : str or None
         Reason why the path reaches no goal, with a remedy; None if it reaches a goal.
 
@@ -115,6 +117,17 @@ class NodePath:
         points = self.space.frame.to_world(self.axis_points)
         points.flags.writeable = False
         return points
+
+    @cached_property
+    def point_cells(self) -> NDArray[np.int64]:
+        """Cell of every row of `axis_points`, shape (n, ndim)."""
+        return np.concatenate([self.cells[:1], self.cells, self.cells[-1:]])[1 - self._joins :][: len(self.line)]
+
+    @property
+    def _joins(self) -> int:
+        """1 if the start is a point of its own, apart from the first site; 0 if the path begins at the site."""
+        leg = self.outcome is Outcome.REACHED and not np.isnan(self.space.goal_point(self.cells[-1])).any()
+        return len(self.line) - leg - len(self.nodes)
 
     @property
     def reason(self) -> str | None:
