@@ -197,7 +197,7 @@ def assemble(netlist: Netlist) -> Equations:
     volts = contacts.volts[: contacts.ties] if size else _between_rails(netlist, forest.offsets[0], components)
     low, high = float(volts.min(initial=np.inf)), float(volts.max(initial=-np.inf))
     has_two_rails = low < high and np.all((volts == low) | (volts == high)) and not lifted and not injected.any()
-    if netlist.cell_map is not None and netlist.cell_map.wiring.supply < 0:  # the obstacle rail is the lower one
+    if netlist.space_map is not None and netlist.space_map.wiring.supply < 0:  # the obstacle rail is the lower one
         low, high = high, low
     siemens, at_high = netlist.conductance[contacts.element], contacts.volts == high
     leak = _leak_of(netlist)
@@ -236,7 +236,8 @@ def matrix_of(
     ground = sum_by_row(contacts.row[ties], siemens[ties], size)
     feed = sum_by_row(contacts.row, siemens * contacts.volts, size)
     if netlist.cell_map is None:
-        return Laplacian(ground, listed, rails=rails), feed
+        dimensions = 2 if netlist.lattice_map is None else netlist.lattice_map.space.ndim
+        return Laplacian(ground, listed, dimensions=dimensions, rails=rails), feed
     grid = Grid(netlist.cell_map.node, tuple(axis.periodic for axis in netlist.cell_map.space.axes))
     return Laplacian(ground, listed, grid=grid, dimensions=grid.dimensions, rails=rails), feed
 
@@ -375,7 +376,7 @@ def _between_rails(netlist: Netlist, volts: NDArray[np.float64], components: Com
     """
     ends = np.where(components.of_node < 0, volts, np.nan)[netlist.resistor_nodes]
     ends = ends[np.abs(ends[:, 0] - ends[:, 1]) > 0]
-    if not ends.size and netlist.cell_map is not None:
+    if not ends.size and netlist.space_map is not None:
         raise CircuitError(
             "nothing is driven: no component of the circuit touches two rails or has a current source, so that all "
             "currents are zero; add a second rail (an obstacle, an edge that counts as one), open a path to the goal, "

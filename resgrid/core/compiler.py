@@ -28,6 +28,8 @@ contacts.  Resistors between obstacle or goal cells exist only if these have nod
 
 With a leak, every free node has one more resistor, of conductance ``leak * h_ref**2 / R``, to the obstacle rail.  The
 drop ``u`` from that rail then solves the screened Poisson equation ``div(c grad u) = leak u``.
+
+`resgrid.core.lattice_compiler` compiles the other lattices.
 """
 
 from __future__ import annotations
@@ -43,7 +45,10 @@ from numpy.typing import NDArray
 
 from resgrid._internal.memory import FEWER_CELLS, Remedy, require_grid_memory
 from resgrid.core.cell import Cell
-from resgrid.core.netlist import GROUND, MOST_NODES, CellMap, Netlist
+from resgrid.core.cell_map import CellMap
+from resgrid.core.lattice import SQUARE, require_square
+from resgrid.core.lattice_compiler import compile_lattice
+from resgrid.core.netlist import GROUND, MOST_NODES, Netlist
 from resgrid.core.regions import cells_at_faces, face_counts, face_shape, sides_of_cells, slab, with_margin
 from resgrid.core.space import ConfigurationSpace
 from resgrid.core.wiring import Wiring, WiringOptions, wiring_of
@@ -93,7 +98,8 @@ def compile_space(space: ConfigurationSpace, wiring: Wiring | None = None, **opt
     Returns
     -------
     Netlist
-        Netlist with a `CellMap`.  The order of the nodes is ground, obstacle rail, goal rails, cells in C order.
+        Netlist with a `CellMap`, or a `LatticeMap` for another lattice than "square".  The order of the nodes is
+        ground, obstacle rail, goal rails, cells or sites in C order.
 
     Raises
     ------
@@ -116,6 +122,8 @@ def compile_space(space: ConfigurationSpace, wiring: Wiring | None = None, **opt
     require_netlist_memory(space.shape, has_leak=wiring.leak > 0)
     if not space.goal_count:
         raise InputError(NO_GOAL)
+    if wiring.lattice != SQUARE:
+        return compile_lattice(space, wiring)
     contacts = contacts_of_box(space, wiring)
     nodes = _number_nodes(space, wiring, contacts.kind)
     pairs, conductance, face, upward = _resistors(space, contacts, nodes)
@@ -318,6 +326,7 @@ def contacts_of_box(
     axes, the other axes are complete; `connected`: whether cells not connected to a goal have no node (open obstacles
     only).
     """
+    require_square(wiring.lattice, "this computation of currents through cell faces")
     code = with_margin(space.cell, space.periodic, box, beyond=Cell.OBSTACLE)
     high, low = (CellRole.HIGH, CellRole.LOW) if wiring.rails == "merged" else (CellRole.NODE, CellRole.NODE)
     is_open = wiring.is_open

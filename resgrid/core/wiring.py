@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from resgrid._internal.validation import checked
 from resgrid.core.cell import Cell
+from resgrid.core.lattice import LatticeName, require_square
+from resgrid.core.lattices import check_lattice
 from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import CircuitError, InputError, suggestion
 
@@ -43,6 +45,7 @@ class WiringOptions(TypedDict, total=False):
     wall_resistance: float | None
     start: Sequence[int] | None
     leak: float
+    lattice: LatticeName | None
 
 
 @checked
@@ -81,6 +84,10 @@ class Wiring:
         the obstacle rail then solves the screened Poisson equation ``div(c grad u) = leak u``, and falls by a factor of
         e per ``1 / sqrt(leak)`` (at conductivity 1, far from obstacles).  Open obstacles need no drive then, since the
         leak drives the grid.
+    lattice : {"square", "square8", "cube26", "hexagonal"}
+        Neighbours of a node: face neighbours of cells; also those across corners in the plane (8 neighbours), or across
+        edges and corners in space (26); or six neighbours of a triangular lattice in the plane.  Paths of other
+        lattices than "square" run from node to node (`resgrid.planning.node_path`).
 
     Raises
     ------
@@ -107,6 +114,7 @@ class Wiring:
     wall_resistance: float | None = None
     start: Sequence[int] | None = None
     leak: float = 0.0
+    lattice: LatticeName = "square"
 
     def __post_init__(self) -> None:
         self._check_values()
@@ -142,6 +150,10 @@ class Wiring:
 
     def _check_values(self) -> None:
         """Raise InputError unless resistances and voltages are finite, in range, and fit the boundary condition."""
+        if self.rails == "cells":
+            require_square(self.lattice, "a node for every rail cell (rails = 'cells', the chip)")
+        if self.leak:
+            require_square(self.lattice, "a leak to the obstacle rail")
         if not (0 < self.resistance < np.inf and 1.0 / float(self.resistance) < np.inf):
             raise InputError(f"resistance = {self.resistance}, but it must be positive and finite, in ohms")
         if not (np.isfinite(self.supply) and self.supply != 0 and np.isfinite(self.goal_voltage)):
@@ -252,10 +264,11 @@ class Wiring:
         Raises
         ------
         InputError
-            If the edge rules do not fit the space, or the start is not a free cell.
+            If the edge rules or the lattice do not fit the space, or the start is not a free cell.
         CircuitError
             If no path connects the start to a goal.
         """
+        check_lattice(self.lattice, space)
         if self.start is not None:
             _check_start(space, tuple(self.start))
         return replace(self, edge=self.edges(space))

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from resgrid._internal.values import frozen
 from resgrid.core.axis import Axis
 from resgrid.core.cell import Cell
+from resgrid.core.lattice import require_square
 from resgrid.core.space import ConfigurationSpace
 from resgrid.core.wiring import EdgeRule, Wiring
 from resgrid.errors import InputError
@@ -175,6 +176,7 @@ def drawing_of(scene: Scene) -> Drawing:
 
     if scene.ndim != 2:
         raise InputError(f"this scene has {scene.ndim} axes, but the live page needs two; choose a scene of two axes")
+    require_square(scene.lattice, "the live page")
     check_size([axis.cells for axis in scene.axes])
     space = build_space(scene, require_goal=False)
     palette, level = _palette(space)

@@ -20,6 +20,7 @@ from resgrid.errors import InputError
 from resgrid.live_page.drawing import Drawing
 from resgrid.live_page.messages import in_page_words
 from resgrid.live_page.solving import SolvedDrawing, solve_drawing, without_imperfections
+from resgrid.planning.any_field import require_faces
 from resgrid.planning.fields import Field
 from resgrid.planning.streamline import Outcome, Streamline
 
@@ -145,7 +146,7 @@ def _log_drop(frame: SolvedDrawing) -> NDArray[np.float64] | None:
     if not 0.0 < field.k < 1.0:
         return _log_drop_of(field)
     obstacle, opened = frame.solution.halves
-    log_drop = _log_drop_of(obstacle)
+    log_drop = _log_drop_of(require_faces(obstacle, "the live page"))
     if log_drop is None:
         return None
     with np.errstate(divide="ignore", invalid="ignore"):  # cells without a path to a goal

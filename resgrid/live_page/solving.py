@@ -18,6 +18,7 @@ from resgrid.core.cell import Cell
 from resgrid.core.netlist import Netlist
 from resgrid.errors import AccuracyError, CircuitError, InputError
 from resgrid.live_page.drawing import Drawing
+from resgrid.planning.any_field import require_faces
 from resgrid.planning.certify import certify
 from resgrid.planning.fields import Field, read_cells
 from resgrid.planning.pipeline import Problem, Solution, SolveOptions, Solver, solve_problem
@@ -72,7 +73,7 @@ class SolvedDrawing:
     @property
     def field(self) -> Field:
         """Field that the page displays."""
-        return self.solution.fields[0]
+        return require_faces(self.solution.fields[0], "the live page")
 
 
 def solve_drawing(drawing: Drawing, *, exact: bool, warm: WarmFields | None = None) -> SolvedDrawing:
@@ -88,7 +89,9 @@ def solve_drawing(drawing: Drawing, *, exact: bool, warm: WarmFields | None = No
         raise InputError("there is no start to drive the grid: set a start, or choose the uniform drive")
     solution = _solved(drawing, exact, warm)
     points = start_points(drawing.space, drawing.starts) if len(drawing.starts) else ()
-    paths = tuple(_path(field, points[number], exact) for field, number in solution.tasks)
+    paths = tuple(
+        _path(require_faces(field, "the live page"), points[number], exact) for field, number in solution.tasks
+    )
     return SolvedDrawing(drawing, solution, paths, exact, time.perf_counter() - began)
 
 

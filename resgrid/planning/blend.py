@@ -11,7 +11,7 @@ from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError
 from resgrid.planning.fields import Field
 
-_CANCELLED = 1e-12
+CANCELLED = 1e-12
 """Magnitude of a blended current below which it is rounding error and counts as zero, as a fraction of the larger of
 ``k |I_D|`` and ``(1 - k) |I_N|``, the two currents that are added."""
 
@@ -89,7 +89,7 @@ def check_pair(dirichlet: Field, neumann: Field) -> None:
             f"a blend takes a Dirichlet and a Neumann field, in this order; got {dirichlet.boundary!r} and "
             f"{neumann.boundary!r}"
         )
-    if dirichlet.space is not neumann.space and not _same_cells(dirichlet.space, neumann.space):
+    if not is_same_space(dirichlet.space, neumann.space):
         raise InputError("the two fields belong to different spaces; compile both from one space")
     if dirichlet.wiring.leak != neumann.wiring.leak:
         raise InputError(
@@ -102,11 +102,13 @@ def check_pair(dirichlet: Field, neumann: Field) -> None:
         )
 
 
-def _same_cells(first: ConfigurationSpace, second: ConfigurationSpace) -> bool:
+def is_same_space(first: ConfigurationSpace, second: ConfigurationSpace) -> bool:
     """Return whether two spaces have equal axes, frames, cells and conductivities.
 
     A space without conductivities has 1.
     """
+    if first is second:
+        return True
     one, other = (np.float64(1.0) if space.conductivity is None else space.conductivity for space in (first, second))
     placed = first.axes == second.axes and first.frame == second.frame
     return placed and np.array_equal(first.cell, second.cell) and bool(np.all(one == other))
@@ -126,7 +128,7 @@ def _add_currents(
     largest = np.maximum(log_d, log_n)
     base = np.where(np.isfinite(largest), largest, 0.0)
     total = dirichlet.face_direction[axis] * np.exp(log_d - base) + neumann.face_direction[axis] * np.exp(log_n - base)
-    total[np.abs(total) < _CANCELLED] = 0.0
+    total[np.abs(total) < CANCELLED] = 0.0
     with np.errstate(divide="ignore"):
         return np.sign(total).astype(np.int8), np.log(np.abs(total)) + base
 

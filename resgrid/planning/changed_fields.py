@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from resgrid.circuit.postprocess import DIRECTION_RESIDUAL
 from resgrid.core.compiler import CellRole, GridContacts, contacts_of_box
+from resgrid.core.lattice import SQUARE
 from resgrid.core.regions import by_axis
 from resgrid.core.space import ConfigurationSpace
 from resgrid.core.wiring import Wiring
@@ -39,17 +40,16 @@ class NotSolvedError(Exception):
 
 def why_not_kept(space: ConfigurationSpace, wiring: Wiring) -> str | None:
     """Return the reason why the equations of a space cannot be kept between updates; None for a suitable space."""
-    if space.ndim != 2:
-        return f"a space with {space.ndim} axes, not 2"
-    if space.periodic.any():
-        return "a periodic axis"
-    if wiring.rails != "merged":
-        return f"rails = {wiring.rails!r}, not 'merged'"
-    if wiring.drive == "start":
-        return "drive = 'start', not 'uniform'"
-    if space.cell.size > _MOST_CELLS:
-        return f"{space.cell.size:,} cells, more than {_MOST_CELLS:,}"
-    return None
+    cells = space.cell.size
+    reasons = (
+        (wiring.lattice != SQUARE, f"lattice = {wiring.lattice!r}, not 'square'"),
+        (space.ndim != 2, f"a space with {space.ndim} axes, not 2"),
+        (bool(space.periodic.any()), "a periodic axis"),
+        (wiring.rails != "merged", f"rails = {wiring.rails!r}, not 'merged'"),
+        (wiring.drive == "start", "drive = 'start', not 'uniform'"),
+        (cells > _MOST_CELLS, f"{cells:,} cells, more than {_MOST_CELLS:,}"),
+    )
+    return next((reason for holds, reason in reasons if holds), None)
 
 
 class KeptCircuit:

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from resgrid._internal.values import frozen, picture_html
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.core.cell import Cell
+from resgrid.core.cell_map import CellMap
 from resgrid.core.compiler import CellRole, contacts_of_box
-from resgrid.core.netlist import CellMap
 from resgrid.core.regions import by_axis, cells_at_faces, face_counts, face_shape, with_margin
 from resgrid.core.space import ConfigurationSpace
 from resgrid.core.wiring import Wiring

@@ -24,7 +24,8 @@ from resgrid.circuit.linear import CircuitFactor
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.solve import factorize
 from resgrid.core.cell import Cell
-from resgrid.core.netlist import GROUND, CellMap, Netlist
+from resgrid.core.cell_map import CellMap
+from resgrid.core.netlist import GROUND, Netlist
 from resgrid.errors import AccuracyError, InputError
 from resgrid.solvers.progress import ProgressMonitor
 from resgrid.solvers.refinement import is_answer

@@ -20,7 +20,8 @@ from resgrid.chip.sensitivity import Sensitivity
 from resgrid.chip.settling import Settling
 from resgrid.chip.yields import Yield
 from resgrid.core.cell import Cell
-from resgrid.core.netlist import CellMap, Netlist
+from resgrid.core.cell_map import CellMap
+from resgrid.core.netlist import Netlist
 from resgrid.core.regions import crossed_faces
 from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError

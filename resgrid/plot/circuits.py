@@ -19,7 +19,8 @@ from resgrid._internal.colours import GOAL
 from resgrid.chip.power import rail_names
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.core.cell import Cell
-from resgrid.core.netlist import CellMap, Netlist
+from resgrid.core.cell_map import CellMap
+from resgrid.core.netlist import Netlist
 from resgrid.core.regions import crossed_faces
 from resgrid.plot.figures import new_figure
 from resgrid.plot.style import OBSTACLE, SMALL, add_swatch, height_map, refresh_legend

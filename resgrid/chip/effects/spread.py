@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from resgrid.chip.effects.base import Effect, without_stranded_currents
 from resgrid.core import random_sites
-from resgrid.core.netlist import CellMap, Netlist, add_elements, crossed_by, select_elements
+from resgrid.core.cell_map import CellMap
+from resgrid.core.netlist import Netlist, add_elements, crossed_by, select_elements
 from resgrid.core.random_sites import DEFECTS, Seed, generator, mismatch_factors
 from resgrid.core.regions import face_counts, face_shape
 from resgrid.core.space import ConfigurationSpace

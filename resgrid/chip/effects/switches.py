@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 
 from resgrid.chip.effects.base import Effect, add_nodes, cells_with_nodes, rail_pin, to_node
 from resgrid.core.cell import Cell
+from resgrid.core.cell_map import CellMap
 from resgrid.core.compiler import compile_space
-from resgrid.core.netlist import GROUND, CellMap, Netlist, add_elements, select_elements
+from resgrid.core.netlist import GROUND, Netlist, add_elements, select_elements
 from resgrid.core.wiring import EdgeRule
 from resgrid.errors import InputError
 from resgrid.scene.chip import Ohms, OhmsOrZero
