@@ -128,6 +128,69 @@ def test_the_ends_of_the_leak_slider_are_one_cell_and_twice_the_grid(shown: Page
         assert shown.locator("#leak").input_value() == place
 
 
+def test_a_lattice_shows_the_path_from_node_to_node_and_disables_what_needs_squares(shown: Page):
+    smooth = lines(shown)[0]
+    shown.select_option("#lattice", "square8")
+    settle(shown)
+    line = lines(shown)[0]
+    steps = np.abs(np.diff(line, axis=0))
+    assert not np.array_equal(line, smooth)
+    np.testing.assert_allclose(steps[:-1] * (steps[:-1] - 1), 0, atol=1e-6)  # whole cells: 0 or 1 along each axis
+    assert "✓ certified" in shown.inner_text("#quality")
+    assert "from node to node" in shown.inner_text("#lattice-note")
+    for control in ("#leak", "#mismatch", "#seed", "#settle"):
+        assert shown.locator(control).is_disabled(), control
+        assert "4 neighbours" in (shown.locator(control).get_attribute("title") or ""), control
+    snap = shown.get_by_role("button", name="Break")
+    assert snap.is_disabled() and "4 neighbours" in (snap.get_attribute("title") or "")
+    shown.locator("#canvas").focus()
+    shown.keyboard.press("x")  # the key of a disabled tool
+    assert shown.evaluate("live.tools.tool") == "draw"
+    shown.mouse.move(*point_on(shown, (50.5, 50.5)))
+    until(shown, "document.getElementById('card').textContent.includes('↗')")
+    assert "the largest current leads to a lower potential" in shown.inner_text("#card")
+    drag(shown, [(40, 20), (40, 60)])
+    settle(shown)
+    assert "✓ certified" in shown.inner_text("#quality")
+    for _ in range(2):
+        shown.get_by_role("button", name="Undo").click()
+    settle(shown)
+    np.testing.assert_array_equal(lines(shown)[0], smooth)
+    settle_button = shown.locator("#settle")
+    assert settle_button.is_enabled() and "Transient" in (settle_button.get_attribute("title") or "")
+
+
+def test_mismatch_open_resistors_and_leaks_disable_the_lattice(shown: Page):
+    lattice = shown.locator("#lattice")
+    for change, said in (
+        ("{ chip: { mismatch: 0.1, seed: 1 } }", "set the mismatch to none"),
+        ("{ broken: [[3, 4, 0]] }", "repair the resistors"),
+        ("{ leak: 0.1 }", "leak"),
+    ):
+        assert lattice.is_enabled()
+        shown.evaluate(f"live.model.replace({change})")
+        settle(shown)
+        assert lattice.is_disabled() and said in (lattice.get_attribute("title") or "")
+        shown.get_by_role("button", name="Undo").click()
+
+
+def test_the_circuit_of_a_lattice_is_drawn_and_its_link_opens_it(shown: Page, chromium: Browser):
+    open_example(shown, "lesson")
+    shown.select_option("#lattice", "hexagonal")
+    settle(shown)
+    segments = shown.evaluate("live.view.frame.circuit.segments")
+    a, b, c, d, ohms = segments[len(segments) // 2][:5]
+    shown.mouse.move(*point_on(shown, ((a + c) / 2, (b + d) / 2)))
+    until(shown, "document.getElementById('card').textContent.includes('resistor')")
+    assert f"{ohms / 1e3:g} kΩ" in shown.inner_text("#card")
+    other = chromium.new_context().new_page()
+    other.goto(link_of(shown).replace("/#", "/?tour=0#"))
+    until(other, "live.model.scene && live.model.scene.lattice === 'hexagonal'")
+    settle(other)
+    np.testing.assert_array_equal(lines(other)[0], lines(shown)[0])
+    other.context.close()
+
+
 def test_paths_of_k_0_and_k_1_are_shown_on_request(shown: Page):
     shown.locator("#brush").fill("1")
     drag(shown, [(30, 10), (30, 60)])

@@ -105,6 +105,7 @@ def test_the_path_of_a_drawing_equals_the_path_of_its_scene():
     for changes in (
         {}, {"k": 0.0}, {"k": 0.5}, {"wall": 3e4}, {"driven": True, "k": 0.0},
         {"leak": 0.04}, {"leak": 0.04, "k": 0.0}, {"leak": 0.04, "k": 0.5}, {"leak": 0.04, "wall": 3e4},
+        {"lattice": "square8"}, {"lattice": "hexagonal", "k": 0.0}, {"lattice": "hexagonal", "k": 0.5},
     ):  # fmt: skip
         changed = replace(drawing, cell=cell, **changes)
         frame = solve_drawing(changed, exact=True)
@@ -214,7 +215,7 @@ def test_is_same_circuit_ignores_titles_starts_and_unused_costs() -> None:
     ]
     other = [
         replace(first, cell=walled), replace(first, k=0.5), replace(first, wall=10.0),
-        replace(first, broken=((2, 2, 0),)), replace(first, leak=0.1),
+        replace(first, broken=((2, 2, 0),)), replace(first, leak=0.1), replace(first, lattice="square8"),
         replace(first, chip={"resistance": 5.0}), replace(first, level=first.level + np.uint8(1), palette=(1.0, 0.1)),
         blank(13), replace(first, edge=("open", "obstacle")),
     ]  # fmt: skip

@@ -126,13 +126,23 @@ def keys(page: Page) -> None:
     settle(page)
 
 
+def leak(page: Page) -> None:
+    page.locator("#leak").fill("40")
+    settle(page)
+
+
+def lattice(page: Page) -> None:
+    page.select_option("#lattice", "hexagonal")
+    settle(page)
+
+
 TOOLS = ("Wall", "Erase", "Box", "Fill", "Mud", "Goal", "Start", "Break", "Look")
 STATES: dict[str, Callable[[Page], None]] = {
     "first": settle, "tour": press_button("Help"),
     "examples": press_button("Examples"),
     "new": press_button("New"), "save": press_button("Save"), "link": press_button("Link"), "hover": hover,
     "film": film, "complaint": complaint, "scrolled": scrolled, "arrows": arrows, "flawed": flawed, "keys": keys,
-    "ends": ends,
+    "ends": ends, "leak": leak, "lattice": lattice,
     **{f"tool-{label.lower()}": use_tool(label) for label in TOOLS},
 }  # fmt: skip
 

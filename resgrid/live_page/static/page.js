@@ -1,6 +1,6 @@
 // The page: connects the scene, the connection to the server, the canvas and the controls.
 
-import { resistorAt, resistorRows } from "./circuit.js";
+import { resistorAt, resistorRows, segmentAt, segmentRows } from "./circuit.js";
 import { colours, setColours } from "./colours.js";
 import { openExamples } from "./examples.js";
 import { contentsOf, documentIn, openLinking, openNew, openSaving } from "./files.js";
@@ -21,7 +21,7 @@ import { World } from "./world.js";
 
 const KEPT = "resgrid drawing", THEME = "resgrid theme", SEEN = "resgrid tour";
 const SLOW_MS = 700, KEEP_MS = 400, TOAST_MS = 7000, MOST_BYTES = 5e6;
-const DRAWN = ["cells", "palette", "goals", "starts", "wall", "leak", "driven", "edge"];
+const DRAWN = ["cells", "palette", "goals", "starts", "wall", "leak", "lattice", "driven", "edge"];
 /** Properties of a scene on which comparison paths depend. @type {Record<string, string[]>} */
 const SAME = { ideal: [...DRAWN, "k"], "k = 0": [...DRAWN, "chip", "broken"], "k = 1": [...DRAWN, "chip", "broken"] };
 
@@ -33,7 +33,7 @@ export class Page {
   #isClosed = false;
   #keeping = 0;
   #hiding = 0;
-  /** The scene of the example that was opened last. @type {Scene | null} */ #opened = null;
+  /** The scene of the example that was opened last, or with which the page began. @type {Scene | null} */ #opened = null;
   /** The point under the pointer, in cells. @type {number[] | null} */ #hovered = null;
   #solve = newest(() => this.#askField());
   #probe = newest(() => this.#askCell());
@@ -197,6 +197,7 @@ export class Page {
     this.panel.examples = head.hello.examples;
     for (const id of ["examples", "open", "new", "clear", "undo", "redo"]) input(id).disabled = !tools.canDraw;
     this.#tell("busy", "computing the first field …");
+    if (this.panel.examples.some(({ title }) => title === first.title)) this.#opened = first;
     model.reset((this.#isReading ? null : this.#kept()) ?? first);
     await this.follow(fragment);
     if (!shelf.getItem(SEEN) && !switches.has("panel") && switches.get("tour") !== "0") get("help").click();
@@ -319,6 +320,8 @@ export class Page {
     if (moment) return this.#showCard(momentRows(moment, cell, scene), cell, scene);
     const resistor = view.circuit && resistorAt(view.circuit, faceAt(scene, point), point);
     if (resistor) return this.#showCard(resistorRows(resistor), cell, scene);
+    const segment = view.circuit && segmentAt(view.circuit, point);
+    if (segment) return this.#showCard(segmentRows(segment), cell, scene);
     try {
       const [{ probe }] = await wire.ask({ type: "probe", cell });
       world.hovered = this.#hovered && probe.kind !== "obstacle" ? probe.pose : null;

@@ -11,6 +11,13 @@ import { kOf, kSlider, LEAK_STEPS, leakOf, leakOhms, leakSlider, ohmsOf, WALL_ST
 
 const SHOWN = [["dots", "Current as moving dots"], ["equipotentials", "Equipotentials"], ["arrows", "Arrows"], ["paths", "Paths"], ["circuit", "Circuit, up to 10 × 10 cells"]];
 
+/** Value, text and explanation of every lattice. */
+const LATTICES = [
+  ["square", "4 neighbours", "faces of cells; paths are streamlines"],
+  ["square8", "8 neighbours", "also across corners; paths lead from node to node along the largest current"],
+  ["hexagonal", "6 neighbours", "a triangular lattice; paths lead from node to node along the largest current"],
+];
+
 /** @param {string} id @param {string} label @param {number} max @param {number} [min] */
 const slider = (id, label, max, min = 0) => `<label for="${id}" class="row"><span>${label}</span><output id="${id}-out"></output></label>
   <input id="${id}" type="range" min="${min}" max="${max}">`;
@@ -32,6 +39,8 @@ const HTML = `
     ${select("driven", "Drive", [["", "uniform"], ["start", "the start"]])}
   </section>
   <section class="editing"><h2>Grid</h2>
+    ${select("lattice", "Lattice", LATTICES)}
+    <span class="note" id="lattice-note"></span>
     ${slider("leak", "Leak to the obstacle rail", LEAK_STEPS)}
     <span class="note" id="leak-note"></span>
   </section>
@@ -56,9 +65,16 @@ function flawed({ chip }, sigma, seed) {
 }
 
 /** Return the reasons why controls are disabled, by control; empty texts for enabled ones. @param {Scene} scene @returns {Record<string, string>} */
-function reasonsOf({ driven, leak }) {
+function reasonsOf({ driven, leak, lattice = "square", broken, chip }) {
   const byStart = driven ? "The start drives the grid, and obstacles are open: choose the uniform drive." : "";
-  return { k: byStart, wall: byStart, leak: byStart, driven: leak ? "The leak drives the grid with open obstacles: set it to none first." : "" };
+  const needsSquare = lattice === "square" ? "" : "This needs the lattice with 4 neighbours: choose it first.";
+  const isFlawed = broken.length > 0 || "mismatch" in chip;
+  return {
+    k: byStart, wall: byStart, leak: byStart || needsSquare, mismatch: needsSquare, seed: needsSquare, settle: needsSquare,
+    driven: leak ? "The leak drives the grid with open obstacles: set it to none first." : "",
+    lattice: isFlawed ? "Mismatch and open resistors need 4 neighbours: set the mismatch to none and repair the resistors first."
+      : leak ? "The leak needs 4 neighbours: set it to none first." : "",
+  };
 }
 
 /** For every control: change of the scene (write), value from the scene (read), and text next to it (say).
@@ -74,6 +90,10 @@ const CONTROLS = {
     write: (value, scene) => ({ wall: wallOf(Number(value), ohmsOf(scene)) }),
     read: (scene) => wallSlider(scene.wall, ohmsOf(scene)),
     say: ({ wall }) => (wall ? engineering(wall, "Ω") : "none"),
+  },
+  lattice: {
+    write: (lattice) => ({ lattice }),
+    read: ({ lattice = "square" }) => lattice,
   },
   leak: {
     write: (value, scene) => ({ leak: leakOf(Number(value), scene) }),
@@ -107,6 +127,7 @@ export class Panel {
   constructor(parts, model, tools, view) {
     const { get, input } = parts;
     this.parts = parts;
+    this.tools = tools;
     get("panel").innerHTML = HTML;
     for (const [id, { write }] of Object.entries(CONTROLS)) {
       input(id).addEventListener(input(id).type === "number" ? "change" : "input", () => {
@@ -150,14 +171,19 @@ export class Panel {
     get("leak-note").textContent = leak
       ? `screening length ${length} ${unit || "units"}; ${engineering(leakOhms(scene), "Ω", 3)} from every node to the obstacle rail`
       : "a resistor from every node to the obstacle rail";
-    for (const [id, reason] of Object.entries(reasonsOf(scene))) this.#allow(id, reason);
+    get("lattice-note").textContent = LATTICES.find(([value]) => value === (scene.lattice ?? "square"))?.[2] ?? "";
+    const reasons = reasonsOf(scene);
+    for (const [id, reason] of Object.entries(reasons)) this.#allow(id, reason);
+    this.tools.allow("snap", reasons.mismatch);
   }
 
   /** Enable a control, or disable it with the reason as its tooltip. @param {string} id @param {string} reason empty if it is enabled */
   #allow(id, reason) {
     const input = this.parts.input(id), label = input.closest("label") ?? input.previousElementSibling;
+    input.dataset.title ??= input.title;
     input.disabled = Boolean(reason);
-    for (const element of [input, label]) if (element instanceof HTMLElement) element.title = reason;
+    input.title = reason || input.dataset.title;
+    if (label instanceof HTMLLabelElement) label.title = reason;
   }
 
   /** Show the reason why there is no field. @param {string} message */
@@ -206,7 +232,8 @@ export function rowsOf(about, scene) {
   if (about.kind !== "free" || about.potential == null) return [...rows, ["", about.kind === "free" ? "no path to a goal" : about.kind]];
   rows.push(["V", engineering(about.volts, "V")]);
   if (about.drop_decades != null) rows.push(["drop, log₁₀", signed(about.drop_decades)]);
-  ["left", "right", "below", "above"].forEach((side, n) => {
+  for (const [arrow, amperes] of about.steps ?? []) rows.push([arrow, `${amperes > 0 ? "out" : amperes < 0 ? "in" : ""} ${engineering(Math.abs(amperes), "A")}`]);
+  if (about.amperes) ["left", "right", "below", "above"].forEach((side, n) => {
     const amperes = about.amperes[n] * (n % 2 ? 1 : -1), word = amperes > 0 ? "out" : amperes < 0 ? "in" : "";
     rows.push([side, `${word} ${engineering(Math.abs(amperes), "A")}`]);
   });
