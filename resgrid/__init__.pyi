@@ -39,7 +39,8 @@ from .io.saving import save as save
 from .live_page.launch import live as live
 from .planning.blend import blend as blend
 from .planning.blocking_obstacles import find_blocking_obstacles as find_blocking_obstacles
-from .planning.certify import certify as certify, certify_collision_free as certify_collision_free
+from .planning.certify import certify as certify
+from .planning.certify_segments import certify_collision_free as certify_collision_free
 from .planning.fields import Field as Field, field as field
 from .planning.legs import plan_legs as plan_legs
 from .planning.planner import plan as plan

@@ -22,7 +22,7 @@ from resgrid._internal.numbers import Positive, check_share
 from resgrid.chip.figures_of_merit import Figure, Result, defined
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.core.cell import Cell
-from resgrid.core.netlist import CellMap
+from resgrid.core.cell_map import CellMap
 from resgrid.core.regions import cells_at_faces, with_margin
 from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError

@@ -16,7 +16,7 @@ from resgrid.chip.adc_resolution import ADCResolution
 from resgrid.chip.figures_of_merit import Figure, Result, formatted
 from resgrid.chip.settling import Settling
 from resgrid.chip.walk import neighbours_of
-from resgrid.core.netlist import CellMap
+from resgrid.core.cell_map import CellMap
 from resgrid.scene.chip import Readout
 
 DIGITAL_ENERGY = 1.5e-6

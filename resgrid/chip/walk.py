@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from resgrid.chip.adc_resolution import enterable
 from resgrid.core.cell import Cell
-from resgrid.core.netlist import CellMap
+from resgrid.core.cell_map import CellMap
 from resgrid.core.random_sites import NOISE, OFFSET, Seed, generator
 from resgrid.core.regions import cells_at_faces, slab, with_margin
 from resgrid.scene.chip import Readout

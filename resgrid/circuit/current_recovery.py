@@ -94,8 +94,8 @@ def recover_currents(system: Equations) -> tuple[RecoveredCurrents | None, Direc
 
 def _is_field(system: Equations) -> bool:
     """Return whether the circuit is a grid of cells with two rails, or with one rail and currents of one sign."""
-    if system.netlist.cell_map is None or system.rails is not None:
-        return system.netlist.cell_map is not None
+    if system.netlist.space_map is None or system.rails is not None:
+        return system.netlist.space_map is not None
     return not (np.any(system.drive < 0.0) and np.any(system.drive > 0.0))
 
 

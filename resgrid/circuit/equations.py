@@ -197,10 +197,11 @@ def assemble(netlist: Netlist) -> Equations:
     volts = contacts.volts[: contacts.ties] if size else _between_rails(netlist, forest.offsets[0], components)
     low, high = float(volts.min(initial=np.inf)), float(volts.max(initial=-np.inf))
     has_two_rails = low < high and np.all((volts == low) | (volts == high)) and not lifted and not injected.any()
-    if netlist.cell_map is not None and netlist.cell_map.wiring.supply < 0:  # the obstacle rail is the lower one
+    if netlist.space_map is not None and netlist.space_map.wiring.supply < 0:  # the obstacle rail is the lower one
         low, high = high, low
     siemens, at_high = netlist.conductance[contacts.element], contacts.volts == high
-    rails = Rails(high, low, size, contacts.row, siemens, at_high) if has_two_rails else None
+    leak = _leak_of(netlist)
+    rails = Rails(high, low, size, contacts.row, siemens, at_high, leak) if has_two_rails else None
     listed = EdgeList(ends, netlist.conductance, unknown)
     contacts.volts[: contacts.ties] -= reference
     laplacian, feed = matrix_of(netlist, listed, contacts, size, rails)
@@ -235,7 +236,8 @@ def matrix_of(
     ground = sum_by_row(contacts.row[ties], siemens[ties], size)
     feed = sum_by_row(contacts.row, siemens * contacts.volts, size)
     if netlist.cell_map is None:
-        return Laplacian(ground, listed, rails=rails), feed
+        dimensions = 2 if netlist.lattice_map is None else netlist.lattice_map.space.ndim
+        return Laplacian(ground, listed, dimensions=dimensions, rails=rails), feed
     grid = Grid(netlist.cell_map.node, tuple(axis.periodic for axis in netlist.cell_map.space.axes))
     return Laplacian(ground, listed, grid=grid, dimensions=grid.dimensions, rails=rails), feed
 
@@ -352,6 +354,12 @@ def injected_currents(netlist: Netlist) -> NDArray[np.float64]:
     return injected
 
 
+def _leak_of(netlist: Netlist) -> float:
+    """Return the nominal conductance of the leak of every free cell, in siemens; 0 without cells or without a leak."""
+    cells = netlist.cell_map
+    return 0.0 if cells is None else cells.wiring.leak_conductance(cells.space.spacing)
+
+
 def _without_memory(currents: NDArray[np.float64], size: int) -> NDArray[np.float64]:
     """Return the currents (n,), or a read-only view of a single zero, shape (n,), if all of them are zero.
 
@@ -368,7 +376,7 @@ def _between_rails(netlist: Netlist, volts: NDArray[np.float64], components: Com
     """
     ends = np.where(components.of_node < 0, volts, np.nan)[netlist.resistor_nodes]
     ends = ends[np.abs(ends[:, 0] - ends[:, 1]) > 0]
-    if not ends.size and netlist.cell_map is not None:
+    if not ends.size and netlist.space_map is not None:
         raise CircuitError(
             "nothing is driven: no component of the circuit touches two rails or has a current source, so that all "
             "currents are zero; add a second rail (an obstacle, an edge that counts as one), open a path to the goal, "

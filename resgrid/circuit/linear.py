@@ -187,7 +187,7 @@ def _may_cancel(system: Equations, solution: _Solution) -> bool:
     `system`: equations; `solution`: solution before the recovery.  Grids with currents outside the range of doubles are
     not recovered.
     """
-    if system.netlist.cell_map is not None and _tiny_currents(system, solution.point) is not None:
+    if system.netlist.space_map is not None and _tiny_currents(system, solution.point) is not None:
         return False
     return solution.imprecise or solution.error_bound > CERTAIN or _suggests_cancellation(system, solution.point)
 
@@ -205,7 +205,7 @@ def _suggests_cancellation(system: Equations, point: OperatingPoint) -> bool:
     rounding, few = float(np.abs(forest.rounding).max(initial=0.0)), system.size <= EXACT_ROWS
     if forest.largest_offset > 0.0 or point.kcl_residual > DIRECTION_RESIDUAL:
         return True
-    if system.netlist.cell_map is None and system.netlist.node_count <= _SMALL:
+    if system.netlist.space_map is None and system.netlist.node_count <= _SMALL:
         return True
     if few and ((system.rails is None and point.potential is None) or np.any(forest.parent > GROUND)):
         return True

@@ -228,7 +228,7 @@ def read_entrywise(
         if system.rails is None or np.isfinite(recovered.entry_error):
             lost = (recovered.volts == 0.0) & (np.abs(voltage) <= _floor_of(recovered.volts, recovered.floor))
             voltage = np.where(lost & (tiny is not None), voltage, recovered.volts)
-        if system.netlist.cell_map is None:  # recovered currents may flow between voltages that round to equal doubles
+        if system.netlist.space_map is None:  # recovered currents may flow between voltages that round to equal doubles
             falling = None
     netlist = system.netlist
     parts = _branch_currents(netlist, system.forest, unknown, values, team, falling, recovered, tiny)

@@ -187,8 +187,8 @@ def normalize_drive(netlist: Netlist, op: OperatingPoint) -> Netlist:
     >>> round(float(op.voltage.max()), 6), round(float(rg.solve(scaled).voltage.max()), 6)
     (1.14067, 1.0)
     """
-    cell_map = netlist.cell_map
-    if cell_map is None or cell_map.wiring.drive != "uniform":
+    space_map = netlist.space_map
+    if space_map is None or space_map.wiring.drive != "uniform":
         raise InputError(
             "the netlist has no uniform drive to scale; compile the space with boundary = 'neumann', drive = 'uniform'"
         )
@@ -198,8 +198,8 @@ def normalize_drive(netlist: Netlist, op: OperatingPoint) -> Netlist:
         )
     if not op.is_of(netlist):
         raise InputError("the operating point belongs to another netlist; solve this one first")
-    height = (op.voltage - cell_map.wiring.goal_voltage) * np.sign(cell_map.wiring.supply)
-    factor = abs(cell_map.wiring.supply) / float(np.nanmax(height[cell_map.free_node]))
+    height = (op.voltage - space_map.wiring.goal_voltage) * np.sign(space_map.wiring.supply)
+    factor = abs(space_map.wiring.supply) / float(np.nanmax(height[space_map.free_node]))
     return netlist.replace(current_amps=netlist.current_amps * factor)
 
 

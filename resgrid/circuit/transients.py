@@ -16,7 +16,8 @@ from resgrid.circuit.dynamics import Dynamics, dynamics_of, energy_delivered, fa
 from resgrid.circuit.equations import across
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.stepping import RTOL, Method, advance, controlled_steps, fixed_steps, rate_of
-from resgrid.core.netlist import CellMap, Netlist
+from resgrid.core.cell_map import CellMap
+from resgrid.core.netlist import Netlist
 from resgrid.errors import InputError
 from resgrid.solvers.factors import Factor
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from resgrid.cli.scenes import Job
     from resgrid.io.paths import Route
-    from resgrid.planning.streamline import AnyPath
+    from resgrid.planning.any_path import AnyPath
 
 CHECK_STEP = 0.002
 """Largest motion of any point of the robot between two collision tests, in metres."""

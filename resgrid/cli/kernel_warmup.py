@@ -147,8 +147,10 @@ def _paths() -> None:
     path = planner.path((0.5, 6.5))
     rg.certify(path)
     rg.shortcut(path)
-    rg.basins(planner.field)
-    rg.streamlines(planner.field, [(0.5, 6.5), (7.5, 7.5)])
+    field = planner.field
+    assert isinstance(field, rg.Field)
+    rg.basins(field)
+    rg.streamlines(field, [(0.5, 6.5), (7.5, 7.5)])
 
 
 def _updates() -> None:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from resgrid.cli.scenes import Job
     from resgrid.io.paths import Route
-    from resgrid.planning.streamline import AnyPath
+    from resgrid.planning.any_path import AnyPath
 
 
 @subcommand(

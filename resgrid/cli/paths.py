@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from resgrid.io.paths import Route
+    from resgrid.planning.any_field import AnyField
     from resgrid.scene import MovingAIScenario
 
 
@@ -28,12 +29,12 @@ class Plan:
     """
 
     operating_points: Mapping[str, rg.OperatingPoint]
-    fields: list[rg.Field]
+    fields: list[AnyField]
     routes: list[Route]
 
     @property
-    def streamlines(self) -> list[rg.Streamline]:
-        """Streamlines of all routes (paths of one start at one weight k) that have a streamline."""
+    def streamlines(self) -> list[rg.Streamline | rg.planning.NodePath]:
+        """Streamlines or node paths of all routes (paths of one start at one weight k) that have a streamline."""
         return [route.streamline for route in self.routes if route.streamline is not None]
 
     @property
@@ -46,6 +47,7 @@ def plan_routes(job: Job) -> Plan:
     """Return circuits, fields and certified routes (paths) for all starts and weights k of a scene."""
     from resgrid.io.paths import Route
     from resgrid.planning.advice import Advisor
+    from resgrid.planning.any_field import path_of
     from resgrid.scene.tolerances import goal_heading
 
     solution, advisor = job.solution(), Advisor(job.scene)
@@ -57,7 +59,7 @@ def plan_routes(job: Job) -> Plan:
     routes = []
     with stage("follow the current", steps=len(solution.tasks)) as progress:
         for field, number in solution.tasks:
-            path = rg.streamline(field, job.scene.starts[number])
+            path = path_of(field, job.scene.starts[number])
             rg.certify(path)
             start = job.scene.starts[number]
             heading = goal_heading(job.scene, path.points[-1]) if path.goal is not None else None
@@ -119,7 +121,7 @@ def _workspace_text(route: Route) -> str:
     return tested if distance is None or distance == float("inf") else f"{tested}, {distance:.4g} m from contact"
 
 
-def _figures(length: float, clearance: float | None, path: rg.Streamline) -> str:
+def _figures(length: float, clearance: float | None, path: rg.Streamline | rg.planning.NodePath) -> str:
     units = {axis.unit for axis in path.space.axes}
     unit = f" {units.pop()}" if len(units) == 1 else ""
     clear = f", clearance {clearance:.4g}{unit}" if clearance is not None and clearance < float("inf") else ""
@@ -177,6 +179,8 @@ def _answers(job: Job, query: MovingAIScenario, file: str) -> list[dict[str, Any
     indices) and ``optimal_length``.  The circuits are solved with the query's goal as the only goal.  `file`: scenario
     file, for messages.
     """
+    from resgrid.planning.any_field import path_of
+
     if job.space.shape != (query.width, query.height):
         own = size_of(job.space.shape)
         raise InputError(
@@ -191,7 +195,7 @@ def _answers(job: Job, query: MovingAIScenario, file: str) -> list[dict[str, Any
     cell[query.goal] = rg.Cell.GOAL
     answers = []
     for field in Job(job.scene, job.space.with_cells(cell)).solution().fields:
-        path = rg.streamline(field, cell=query.start)
+        path = path_of(field, cell=query.start)
         rg.certify(path)
         figures = {"outcome": str(path.outcome), "k": field.k, "length": path.length, "clearance": path.clearance}
         answers.append({**figures, **common})

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -13,7 +13,11 @@ from resgrid.cli.options import CommandInput, output_option, subcommand, with_so
 from resgrid.cli.paths import Plan, plan_routes
 from resgrid.cli.scenes import Job, open_job, report_ignored
 from resgrid.cli.terminal import finish, stage
+from resgrid.core.lattice import require_square
 from resgrid.errors import InputError
+
+if TYPE_CHECKING:
+    from resgrid.planning.any_field import AnyField
 
 PICTURES = ("page", "space", "potential", "currents", "paths", "circuit", "slices", "robot")
 PAGE_AXES = 4
@@ -46,6 +50,8 @@ def command(source: CommandInput, output: str, what: str) -> int:
         raise InputError(f"--what {what}: it needs two axes, and this space has {job.space.ndim}; 'page' shows up to 4")
     if what == "slices" and job.space.ndim < 3:
         raise InputError(f"--what slices: a space of {job.space.ndim} axes is not cut into slices; draw 'potential'")
+    if what == "currents":
+        require_square(job.scene.lattice, "--what currents")
     ignored = report_ignored(job, "grid", k=() if what == "space" else job.scene.k[1:])
     plan = Plan({}, [], []) if what == "space" else plan_routes(job)
     if not plan.fields and what != "space":
@@ -66,7 +72,7 @@ def draw_all(folder: Path, job: Job, plan: Plan) -> dict[str, str]:
     return files
 
 
-def _album(job: Job, plan: Plan) -> Iterator[tuple[str, str, str, rg.Field | None]]:
+def _album(job: Job, plan: Plan) -> Iterator[tuple[str, str, str, AnyField | None]]:
     """Yield file name, caption, kind (a name in `PICTURES`) and field of each picture that ``resgrid run`` draws.
 
     The field is None for a picture of all paths, of the robot or of the circuit.
@@ -88,7 +94,7 @@ def _album(job: Job, plan: Plan) -> Iterator[tuple[str, str, str, rg.Field | Non
         yield "circuit", "the chip as a circuit, with its voltages", "circuit", None
 
 
-def _draw(what: str, job: Job, plan: Plan, field: rg.Field | None) -> Any:
+def _draw(what: str, job: Job, plan: Plan, field: AnyField | None) -> Any:
     """Draw one picture, and return its matplotlib axes or figure.
 
     `what`: kind of the picture, a name in `PICTURES`; `plan`: solved circuits, fields and paths; `field`: field in the
@@ -104,7 +110,7 @@ def _draw(what: str, job: Job, plan: Plan, field: rg.Field | None) -> Any:
     return picture
 
 
-def _drawn(what: str, job: Job, plan: Plan, field: rg.Field | None) -> Any:
+def _drawn(what: str, job: Job, plan: Plan, field: AnyField | None) -> Any:
     lines = plan.streamlines
     match what:
         case "robot":
@@ -115,7 +121,8 @@ def _drawn(what: str, job: Job, plan: Plan, field: rg.Field | None) -> Any:
             return rg.draw(next(iter(plan.operating_points.values())))
         case "potential" | "currents":
             assert field is not None
-            return _titled(rg.draw(field, quantity=what), _title(job, plan, field))
+            options: dict[str, Any] = {} if isinstance(field, rg.planning.LatticeField) else {"quantity": what}
+            return _titled(rg.draw(field, **options), _title(job, plan, field))
         case "paths" if lines:
             from resgrid.scene.world_coordinates import unknown_cells
 
@@ -132,7 +139,7 @@ def _drawn(what: str, job: Job, plan: Plan, field: rg.Field | None) -> Any:
     return rg.plot.draw_summary(field, own, title=_title(job, plan, field))
 
 
-def _title(job: Job, plan: Plan, field: rg.Field) -> str:
+def _title(job: Job, plan: Plan, field: AnyField) -> str:
     pure = {0.0: " (Neumann)", 1.0: " (wall)" if job.scene.boundary == "wall" else " (Dirichlet)"}.get(field.k, "")
     mark = f"k = {field.k:g}{pure}" if len(plan.fields) > 1 and job.scene.drive != "start" else ""
     return ", ".join(part for part in (job.scene.title, mark) if part)

@@ -11,6 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from resgrid._internal.numbers import check_whole
 from resgrid._internal.values import frozen
+from resgrid.core.cell_map import CellMap
+from resgrid.core.lattice import require_square
+from resgrid.core.lattice_map import LatticeMap
 from resgrid.core.networkx_graphs import (
     ARRAYS,
     all_within,
@@ -19,6 +22,8 @@ from resgrid.core.networkx_graphs import (
     column_of,
     fields_of,
     graph_of,
+    no_pairs,
+    no_values,
     node_numbers,
 )
 from resgrid.errors import InputError
@@ -26,8 +31,6 @@ from resgrid.errors import InputError
 if TYPE_CHECKING:
     import networkx as nx
 
-    from resgrid.core.space import ConfigurationSpace
-    from resgrid.core.wiring import Wiring
 
 GROUND = 0
 MOST_NODES = 2**31 - 1
@@ -40,63 +43,6 @@ _FACES = {
 """Names of the fields of a `CellMap` with one entry per element, by kind of element: crossed face, and direction."""
 
 
-@frozen
-@dataclass(frozen=True, eq=False)
-class CellMap:
-    """Map between the nodes and resistors of a compiled netlist and the cells and faces of the compiled space.
-
-    Attributes
-    ----------
-    space : ConfigurationSpace
-        The space that was compiled.
-    wiring : Wiring
-        Boundary conditions, drive and element values, with an edge rule for every axis.
-    node : ndarray of int32, shape of the space
-        Node of every cell, -1 for a cell without a node.  If rails are merged, a rail cell has the node of its rail.
-    resistor_face : ndarray of int32 or int64, shape (resistors,)
-        Cell face that each resistor crosses, -1 for a switch, a rail segment or the load of the read-out.  Faces are
-        numbered axis by axis.  Along an axis there are ``cells + 1`` faces, in C order of an array of shape
-        `resgrid.core.regions.face_shape`.  Face ``i`` is the lower face of cell ``i``.  On a periodic axis the last
-        face equals the first one and is not used.
-    resistor_upward : ndarray of bool, shape (resistors,)
-        Whether the first node of each resistor is on the lower side of the face.
-    free_node : ndarray of int32, shape (free nodes,)
-        Nodes of the free cells, in C order of the cells, without cells that have no node.
-    obstacle_node : int
-        Node of the obstacle rail, -1 without one.
-    goal_nodes : tuple of int
-        Node of the rail of every goal region.
-    nonlinear_face : ndarray of int64, shape (nonlinear resistors,)
-        Cell face that each nonlinear resistor crosses, numbered like the faces of `resistor_face`.
-    nonlinear_upward : ndarray of bool, shape (nonlinear resistors,)
-        Whether the first node of each nonlinear resistor is on the lower side of the face.
-    rail_nodes : mapping of str to ndarray of int32, shape of the space
-        Node at each cell of every rail with resistance, by name of the rail; -1 where the cell's node is on the rail.
-    """
-
-    space: ConfigurationSpace
-    wiring: Wiring
-    node: NDArray[np.int32]
-    resistor_face: NDArray[np.integer[Any]]
-    resistor_upward: NDArray[np.bool_]
-    free_node: NDArray[np.int32]
-    obstacle_node: int
-    goal_nodes: tuple[int, ...]
-    nonlinear_face: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
-    nonlinear_upward: NDArray[np.bool_] = field(default_factory=lambda: np.empty(0, dtype=np.bool_))
-    rail_nodes: Mapping[str, NDArray[np.int32]] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        for name in ("node", "free_node"):
-            object.__setattr__(self, name, np.ascontiguousarray(getattr(self, name), dtype=np.int32))
-
-
-def _no_pairs() -> NDArray[np.int32]:
-    return np.empty((0, 2), dtype=np.int32)
-
-
-def _no_values() -> NDArray[np.float64]:
-    return np.empty(0)
 
 
 @frozen
@@ -126,6 +72,8 @@ class Netlist:
         Neural Systems*, 1989, chapter 7).
     cell_map : CellMap, optional
         Map between the nodes and the cells of a configuration space.
+    lattice_map : LatticeMap, optional
+        Map between the nodes and the sites of a lattice other than "square" over a configuration space.
     node_names, element_names : optional
         Names read from a file: one string per node; and for each kind (``"resistor"``, ``"voltage source"``,
         ``"current source"``, ``"capacitor"``, ``"nonlinear resistor"``) one string per element.  By default names are
@@ -153,20 +101,21 @@ class Netlist:
     node_count: int
     resistor_nodes: NDArray[np.int32]
     conductance: NDArray[np.float64]
-    source_nodes: NDArray[np.int32] = field(default_factory=_no_pairs)
-    source_volts: NDArray[np.float64] = field(default_factory=_no_values)
-    current_nodes: NDArray[np.int32] = field(default_factory=_no_pairs)
-    current_amps: NDArray[np.float64] = field(default_factory=_no_values)
-    capacitor_nodes: NDArray[np.int32] = field(default_factory=_no_pairs)
-    capacitance: NDArray[np.float64] = field(default_factory=_no_values)
+    source_nodes: NDArray[np.int32] = field(default_factory=no_pairs)
+    source_volts: NDArray[np.float64] = field(default_factory=no_values)
+    current_nodes: NDArray[np.int32] = field(default_factory=no_pairs)
+    current_amps: NDArray[np.float64] = field(default_factory=no_values)
+    capacitor_nodes: NDArray[np.int32] = field(default_factory=no_pairs)
+    capacitance: NDArray[np.float64] = field(default_factory=no_values)
     tc1: NDArray[np.float64] | None = None
     tc2: NDArray[np.float64] | None = None
     cell_map: CellMap | None = None
     node_names: tuple[str, ...] | None = None
     element_names: Mapping[str, tuple[str, ...]] | None = None
-    nonlinear_nodes: NDArray[np.int32] = field(default_factory=_no_pairs)
-    nonlinear_current: NDArray[np.float64] = field(default_factory=_no_values)
-    nonlinear_voltage: NDArray[np.float64] = field(default_factory=_no_values)
+    nonlinear_nodes: NDArray[np.int32] = field(default_factory=no_pairs)
+    nonlinear_current: NDArray[np.float64] = field(default_factory=no_values)
+    nonlinear_voltage: NDArray[np.float64] = field(default_factory=no_values)
+    lattice_map: LatticeMap | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.node_count, int | np.integer) or not 1 <= self.node_count <= MOST_NODES:
@@ -202,6 +151,12 @@ class Netlist:
             raise InputError(
                 f"cell_map = {self.cell_map!r} must be a CellMap (of a netlist from compile_space), or None"
             )
+        found = self.lattice_map
+        if not isinstance(found, LatticeMap | None) or (found and len(found.resistor_site) != len(self.conductance)):
+            raise InputError(
+                f"lattice_map = {found!r} must be the LatticeMap of a netlist from compile_space with as many "
+                "resistors, or None"
+            )
         check_node_names(self.node_names, self.node_count)
 
     def _check_kind(self, kind: str, names: tuple[str, ...]) -> None:
@@ -224,14 +179,25 @@ class Netlist:
         return f"<Netlist of {self.node_count:,} nodes: {parts or 'no elements'}>"
 
     @property
+    def space_map(self) -> CellMap | LatticeMap | None:
+        """Map between the nodes and the compiled space, of cells or of a lattice; None if there is no space."""
+        return self.lattice_map if self.cell_map is None else self.cell_map
+
+    @property
     def cells(self) -> CellMap:
         """Map between the nodes and the cells of the compiled space.
 
         Raises
         ------
         InputError
-            If the netlist was not compiled from a space.
+            If the netlist was not compiled from a space, or with another lattice than "square".
         """
+        if self.lattice_map is not None:
+            raise InputError(
+                f"this netlist has the lattice {self.lattice_map.wiring.lattice!r}, and its resistors do not cross "
+                "faces of cells, as is needed here; compile the space with lattice = 'square' (or read the field of "
+                "this lattice by rg.planning.lattice_field)"
+            )
         if self.cell_map is None:
             raise InputError(
                 "this netlist was not compiled from a space, so that its nodes have no cells; use compile_space(space)"
@@ -263,45 +229,22 @@ class Netlist:
         wanted = node_numbers("nodes", nodes, self.node_count, 0).astype(np.int64)
         if self.node_names is not None:
             return [self.node_names[node] for node in wanted.tolist()]
-        if self.cell_map is None:
+        if self.space_map is None:
             return ["0" if node == GROUND else f"node_{node}" for node in wanted.tolist()]
-        return self._cell_names(self.cell_map, wanted)
+        return self.space_map.names(wanted)
 
     def cell_of_node(self) -> NDArray[np.int64]:
         """Return the flat index (C order) of the cell of every node, -1 for rails and ground; shape (node_count,).
+
+        On a lattice this is the cell that contains the node's site.
 
         Raises
         ------
         InputError
             If the netlist was not compiled from a space.
         """
-        from resgrid.core.cell import Cell
-
-        cells = self.cells
-        node = cells.node.ravel()
-        own = node >= 0
-        if cells.wiring.rails == "merged":
-            own &= cells.space.cell.ravel() == Cell.FREE
-        cell = np.flatnonzero(own)
-        cell_of = np.full(self.node_count, -1, dtype=np.int64)
-        cell_of[node[cell]] = cell
-        return cell_of
-
-    def _cell_names(self, cells: CellMap, wanted: NDArray[np.int64]) -> list[str]:
-        """Return the names of nodes (n,) of a compiled netlist; `cells`: cell map; `wanted` (n,): node numbers."""
-        cell = self.cell_of_node()[wanted]
-        coordinates = np.unravel_index(np.maximum(cell, 0), cells.space.shape)
-        template = "n" + "_%d" * cells.space.ndim
-        names = [template % index for index in zip(*(c.tolist() for c in coordinates), strict=True)]
-        goals = {node: f"goal_{region}" for region, node in enumerate(cells.goal_nodes)}
-        rails = {GROUND: "0", cells.obstacle_node: "obstacle"} | goals
-        unnamed = np.flatnonzero(cell < 0).tolist()
-        for rail, mesh in cells.rail_nodes.items() if unnamed else ():
-            places = np.argwhere(mesh >= 0).tolist()
-            rails |= {int(mesh[tuple(place)]): "_".join(map(str, (rail, *place))) for place in places}
-        for position, node in zip(unnamed, wanted[unnamed].tolist(), strict=True):
-            names[position] = rails.get(node, f"node_{node}")
-        return names
+        found = self.space_map
+        return (self.cells if found is None else found).cell_of_node(self.node_count)
 
     def to_networkx(self) -> nx.MultiGraph[int]:
         """Return the circuit as a multigraph.
@@ -360,6 +303,7 @@ def add_elements(
     Shapes: `nodes` (n, 2); `values` (n,) or (), in the order of `ARRAYS`, missing ones are 0; `face, upward` (n,) or
     (): crossed faces and directions for the cell map; by default the elements cross no face (-1).
     """
+    _require_no_lattice(netlist)
     pairs, *names = ARRAYS[kind]
     added = np.reshape(nodes, (-1, 2))
 
@@ -367,8 +311,7 @@ def add_elements(
         return np.append(old, np.broadcast_to(new, len(added)))
 
     changes: dict[str, Any] = {pairs: np.concatenate([getattr(netlist, pairs), added])}
-    left_out = [0.0] * (len(names) - len(values))
-    for name, value in zip(names, [*values, *left_out], strict=True):
+    for name, value in zip(names, [*values, *[0.0] * (len(names) - len(values))], strict=True):
         if getattr(netlist, name) is not None:
             changes[name] = appended(getattr(netlist, name), value)
     if netlist.cell_map is not None and kind in _FACES:
@@ -392,9 +335,16 @@ def crossed_by(netlist: Netlist, kind: str, which: NDArray[np.bool_] | slice = s
 
 def select_elements(netlist: Netlist, kind: str, keep: NDArray[np.bool_]) -> Netlist:
     """Return a netlist without the elements of a kind for which `keep` (elements,) is False, and without names."""
+    _require_no_lattice(netlist)
     columns = {name: getattr(netlist, name) for name in ARRAYS[kind]}
     changes: dict[str, Any] = {name: column[keep] for name, column in columns.items() if column is not None}
     if netlist.cell_map is not None and kind in _FACES:
         faces = {name: getattr(netlist.cell_map, name)[keep] for name in _FACES[kind]}
         changes["cell_map"] = replace(netlist.cell_map, **faces)
     return netlist.replace(element_names=None, **changes)
+
+
+def _require_no_lattice(netlist: Netlist) -> None:
+    """Raise InputError if the netlist has a lattice other than "square", whose steps the change would not keep."""
+    if netlist.lattice_map is not None:
+        require_square(netlist.lattice_map.wiring.lattice, "a change of the elements of a compiled netlist")

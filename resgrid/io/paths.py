@@ -23,7 +23,9 @@ from resgrid.io.ros_paths import Timed, points_of, require_plane, streamline_of
 from resgrid.io.ros_trajectories import has_joints, message_of, require_joints
 from resgrid.io.tables import Views, require_names, suffix_of, write
 from resgrid.planning.clearance import clearance_of
-from resgrid.planning.streamline import Outcome, Polyline, ShortPath, Streamline, length_of
+from resgrid.planning.node_paths import NodePath
+from resgrid.planning.short_path import ShortPath
+from resgrid.planning.streamline import Outcome, Polyline, Streamline, length_of
 from resgrid.planning.time_parameterization import Trajectory
 from resgrid.planning.workspace import Collision
 
@@ -41,7 +43,7 @@ def write_path(path: Timed, file: str | os.PathLike[str], *, fixed_joints: bool 
 
     Parameters
     ----------
-    path : Streamline, ShortPath, Polyline or Trajectory
+    path : Streamline, NodePath, ShortPath, Polyline or Trajectory
         Path to write.  For an arm, the file also contains the positions of its tip.
     file : path-like
         ``.csv``, or ``-`` for standard output: table with a header; ``.json``: one list per column; ``.npz``: one
@@ -118,7 +120,7 @@ class Route:
 
     Attributes
     ----------
-    path : Streamline, ShortPath, Polyline or Trajectory
+    path : Streamline, NodePath, ShortPath, Polyline or Trajectory
         The path that is written; length and clearance are those of this path.
     start : tuple of float
         The requested start, in world coordinates.
@@ -146,8 +148,8 @@ class Route:
     collision: Collision | None = None
 
     @cached_property
-    def streamline(self) -> Streamline | None:
-        """Streamline from which the path was made; None for a path that was not made from a field."""
+    def streamline(self) -> Streamline | NodePath | None:
+        """Streamline or node path from which the path was made; None for a path that was not made from a field."""
         return streamline_of(self.path)
 
     @property
@@ -174,7 +176,7 @@ class Route:
     def length(self) -> float:
         """Length of the polyline through the written points, in axis units."""
         path = self.path
-        return path.length if isinstance(path, Streamline | ShortPath) else length_of(_line(path))
+        return path.length if isinstance(path, Streamline | NodePath | ShortPath) else length_of(_line(path))
 
     @cached_property
     def clearance(self) -> float | None:
@@ -183,7 +185,7 @@ class Route:
         The value is None for a path that was not made from a field.
         """
         path = self.path
-        if isinstance(path, Streamline | ShortPath):
+        if isinstance(path, Streamline | NodePath | ShortPath):
             return path.clearance
         if self.streamline is None:
             return None

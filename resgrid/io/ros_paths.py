@@ -13,7 +13,10 @@ from numpy.typing import NDArray
 from resgrid._internal.validation import with_article
 from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError
-from resgrid.planning.streamline import AnyPath, Outcome, ShortPath, Streamline, unwrap
+from resgrid.planning.any_path import AnyPath, unwrap
+from resgrid.planning.node_paths import NodePath
+from resgrid.planning.short_path import ShortPath
+from resgrid.planning.streamline import Outcome, Streamline
 from resgrid.planning.time_parameterization import Trajectory
 from resgrid.robots import PointRobot
 
@@ -26,13 +29,13 @@ def points_of(path: Timed) -> NDArray[np.float64]:
     return path.positions if isinstance(path, Trajectory) else unwrap(path)
 
 
-def streamline_of(path: Timed) -> Streamline | None:
-    """Return the streamline from which a path was made; None for a path that was not made from a field."""
+def streamline_of(path: Timed) -> Streamline | NodePath | None:
+    """Return the streamline or node path from which a path was made; None for a path that was not made from a field."""
     if isinstance(path, Trajectory):
         path = path.path
     if isinstance(path, ShortPath):
         path = path.original
-    return path if isinstance(path, Streamline) else None
+    return path if isinstance(path, Streamline | NodePath) else None
 
 
 def to_ros_path(path: Timed, *, frame_id: str = "map", heading: float | None = None) -> str:

@@ -25,8 +25,11 @@ from resgrid.io.resistances import write_resistances
 from resgrid.io.runs import write_run
 from resgrid.io.solutions import write_solution
 from resgrid.planning.fields import Field
+from resgrid.planning.lattice_fields import LatticeField
 from resgrid.planning.legs import LegPath
-from resgrid.planning.streamline import Polyline, ShortPath, Streamline
+from resgrid.planning.node_paths import NodePath
+from resgrid.planning.short_path import ShortPath
+from resgrid.planning.streamline import Polyline, Streamline
 from resgrid.planning.time_parameterization import Trajectory
 
 
@@ -35,10 +38,10 @@ def save(value: object, file: str | os.PathLike[str], **options: Any) -> Path:
 
     Parameters
     ----------
-    value : Streamline, ShortPath, Polyline, Trajectory, LegPath, Run, sequence of Run, OperatingPoint, Field, ...
-        Also a Netlist, an EffectiveResistance, a Board or a Layout.  A path: its points in continuous world
-        coordinates, with times if it has some, and the tip of an arm.  A run: every step.  An operating point or a
-        field: potentials and currents.  A netlist: its elements.  Effective resistances: their pairs.  A board: its
+    value : Streamline, NodePath, ShortPath, Polyline, Trajectory, LegPath, Run, sequence of Run, OperatingPoint, ...
+        Also a Field, a LatticeField, a Netlist, an EffectiveResistance, a Board or a Layout.  A path: its points in
+        continuous world coordinates, with times if it has some, and the tip of an arm.  A run: every step.  An
+        operating point or a field: potentials and currents.  A netlist: its elements.  Effective resistances: their pairs.  A board: its
         KiCad project.  A chip layout: its shapes, and a record of its circuit in ``FILE.record.json``.
     file : path-like
         ``-`` is standard output.  By type of value:
@@ -47,7 +50,8 @@ def save(value: object, file: str | os.PathLike[str], **options: Any) -> Path:
         path                   ``.csv``, ``.json``, ``.npz``; ``.yaml``: a ``nav_msgs/Path`` for ROS, or, of a
                                trajectory of a robot from a URDF file, a ``trajectory_msgs/JointTrajectory``
         run, runs              ``.csv``, ``.json``, ``.npz``
-        field, solved space    ``.npz``: ``potential``, ``log_drop``, ``cell``, perhaps ``safe``
+        field, solved space    ``.npz``: ``potential``, ``log_drop``, ``cell``, perhaps ``safe``; of a lattice
+                               ``points`` too
         other operating point  ``.csv``, ``.json``, ``.npz``, ``.raw`` (for waveform viewers)
         board                  a folder with a KiCad project
         resistances            ``.csv``, ``.json``, ``.npz``
@@ -101,11 +105,12 @@ def _save(value: object, file: str | os.PathLike[str]) -> Path:
     )
 
 
-for _kind in (Streamline, ShortPath, Polyline, Trajectory):
+for _kind in (Streamline, NodePath, ShortPath, Polyline, Trajectory):
     _save.register(_kind, write_path)
 _save.register(LegPath, write_leg_path)
 _save.register(OperatingPoint, write_solution)
 _save.register(Field, write_solution)
+_save.register(LatticeField, write_solution)
 _save.register(Run, write_run)
 _save.register(Netlist, write_network)
 _save.register(Board, save_board)

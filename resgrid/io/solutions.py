@@ -11,16 +11,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.circuit.operating_point import OperatingPoint
+from resgrid.core.lattice import Lattice
 from resgrid.core.netlist import Netlist
 from resgrid.errors import InputError
 from resgrid.io.tables import Views, suffix_of, write
 from resgrid.planning.fields import Field
+from resgrid.planning.lattice_fields import LatticeField, lattice_field
 from resgrid.spice.power import ir_drop, power_balance
 from resgrid.spice.run.rawfile import format_raw, raw_of
 
 
 def write_solution(
-    op: OperatingPoint | Field,
+    op: OperatingPoint | Field | LatticeField,
     file: str | os.PathLike[str],
     *,
     title: str = "resistor network",
@@ -31,12 +33,14 @@ def write_solution(
 
     Parameters
     ----------
-    op : OperatingPoint or Field
+    op : OperatingPoint, Field or LatticeField
         Solution to write.
     file : path-like
         For a field or the circuit of a space, ``.npz``: arrays with one dimension per axis, ``potential`` (NaN in cells
         without a node), ``log_drop`` if it exists, ``cell`` (`Cell` codes), and for a field ``safe`` if it has that
-        mask.  For any other circuit, ``.csv``: table of nodes, then elements; ``.json``, ``.npz``: the same values by
+        mask.  Of a lattice other than "square", ``potential`` and ``log_drop`` have the shape of the lattice, and
+        ``points`` (shape of the lattice, then one number per axis) are the world coordinates of its sites.  For any
+        other circuit, ``.csv``: table of nodes, then elements; ``.json``, ``.npz``: the same values by
         name; ``.raw``: raw file for waveform viewers.  ``-`` is standard output (arrays of a space, otherwise the
         table).
     title : str
@@ -112,7 +116,7 @@ def _supplies(op: OperatingPoint, count: int) -> list[dict[str, Any]]:
     return [{"name": names[i], "volts": op.netlist.source_volts[i], "amps": op.source_current[i]} for i in order]
 
 
-def _views(op: OperatingPoint | Field, title: str, form: str, about: Mapping[str, Any]) -> Views:
+def _views(op: OperatingPoint | Field | LatticeField, title: str, form: str, about: Mapping[str, Any]) -> Views:
     """Return functions without arguments that return the contents of a file of a solution, by name of the content.
 
     Names: ``arrays`` for NPZ; for a circuit without cells also ``table`` (CSV), ``record`` (JSON) and ``waveforms``
@@ -122,6 +126,11 @@ def _views(op: OperatingPoint | Field, title: str, form: str, about: Mapping[str
     if isinstance(op, Field):
         arrays = {"potential": op.potential, "log_drop": op.log_drop, "cell": op.space.cell, "safe": op.safe}
         return {"arrays": lambda: {name: array for name, array in arrays.items() if array is not None}}
+    if isinstance(op, LatticeField):
+        return {"arrays": lambda: _lattice_arrays(op.lattice, op.potential, op.log_drop)}
+    if op.netlist.lattice_map is not None:
+        found = lattice_field(op)
+        return {"arrays": lambda: _lattice_arrays(found.lattice, found.potential, found.log_drop)}
     if op.netlist.cell_map is not None:
         return {"arrays": lambda: _field_arrays(op)}
     return {
@@ -151,6 +160,19 @@ def _field_arrays(op: OperatingPoint) -> dict[str, NDArray[Any]]:
         if value is not None
     }
     return {**per_cell, "cell": cell_map.space.cell}
+
+
+def _lattice_arrays(
+    lattice: Lattice, potential: NDArray[np.float64], log_drop: NDArray[np.float64] | None
+) -> dict[str, NDArray[Any]]:
+    """Return the arrays of a lattice's field by name: those of `potential` and `log_drop` have the lattice's shape.
+
+    ``cell``: `Cell` codes of the space; ``points``: world coordinates of the sites.
+    """
+    sites = np.moveaxis(np.indices(lattice.shape), 0, -1)
+    arrays = {"potential": potential, "log_drop": log_drop, "cell": lattice.space.cell}
+    points = lattice.space.to_world(lattice.points(sites))
+    return {name: array for name, array in arrays.items() if array is not None} | {"points": points}
 
 
 def _table(op: OperatingPoint) -> dict[str, list[Any]]:

@@ -18,10 +18,12 @@ from resgrid.core.cell import Cell
 from resgrid.core.regions import crossed_faces, sides_of_cells
 from resgrid.errors import InputError
 from resgrid.live_page.drawing import Drawing
+from resgrid.live_page.lattice_frames import at_cells, flows, segments, step_currents
 from resgrid.live_page.messages import in_page_words
 from resgrid.live_page.solving import SolvedDrawing, solve_drawing, without_imperfections
-from resgrid.planning.fields import Field
-from resgrid.planning.streamline import Outcome, Streamline
+from resgrid.planning.any_field import AnyField, FieldPath
+from resgrid.planning.lattice_fields import LatticeField
+from resgrid.planning.streamline import Outcome
 
 MAX_CIRCUIT_SIDE = 10
 """Largest number of cells per axis of a grid whose circuit the page draws."""
@@ -90,13 +92,13 @@ def describe_others(drawing: Drawing, names: Sequence[str]) -> tuple[dict[str, A
     return {"points": [[len(line) for line in other] for other in lines]}, body
 
 
-def _line(path: Streamline | None) -> NDArray[np.float64]:
+def _line(path: FieldPath | None) -> NDArray[np.float64]:
     if path is None or path.outcome not in {Outcome.REACHED, Outcome.NO_CURRENT}:
         return np.empty((0, 2))
     return (path.line - path.space.lower) / path.space.spacing
 
 
-def _path_head(path: Streamline | None, points: int) -> dict[str, Any]:
+def _path_head(path: FieldPath | None, points: int) -> dict[str, Any]:
     if path is None:
         return {
             "outcome": None,
@@ -121,7 +123,7 @@ def picture_of(frame: SolvedDrawing) -> tuple[dict[str, Any], NDArray[np.uint16]
     if log_drop is not None:
         kind, value = "decades", np.where(goal, 0.0, log_drop / np.log(10.0))
     else:
-        kind, value = "height", np.where(goal, 0.0, field.potential)
+        kind, value = "height", np.where(goal, 0.0, at_cells(field, field.potential))
     shown = (goal | field.space.goal_connected) & np.isfinite(value)
     low, high = (float(value[shown].min()), float(value[shown].max())) if shown.any() else (0.0, 0.0)
     return {"kind": kind, "low": low, "high": high}, quantised(value, shown, low, high)
@@ -149,26 +151,37 @@ def _log_drop(frame: SolvedDrawing) -> NDArray[np.float64] | None:
     if log_drop is None:
         return None
     with np.errstate(divide="ignore", invalid="ignore"):  # cells without a path to a goal
-        rest = np.log1p(-field.k) + np.log(np.maximum(1.0 - opened.potential, 0.0))
+        other = np.log(np.maximum(1.0 - at_cells(opened, opened.potential), 0.0))
+        if opened.log_drop is not None:
+            other = at_cells(opened, opened.log_drop)
+        rest = np.log1p(-field.k) + other
         return np.asarray(np.logaddexp(np.log(field.k) + log_drop, rest))
 
 
-def _log_drop_of(field: Field) -> NDArray[np.float64] | None:
+def _log_drop_of(field: AnyField) -> NDArray[np.float64] | None:
     """Return the natural logarithm of the drop of one circuit, shape of the space; None if it has no obstacle rail.
 
     In a preview, drops below 1e-7 are replaced by 1e-7, the error of the preview.
     """
-    if field.log_drop is not None or field.wiring.is_driven:
-        return field.log_drop
-    return np.asarray(np.log(np.maximum(1.0 - field.potential, _SMALLEST_DROP)))
+    if field.log_drop is not None:
+        return at_cells(field, field.log_drop)
+    if field.wiring.is_driven:
+        return None
+    return np.asarray(np.log(np.maximum(1.0 - at_cells(field, field.potential), _SMALLEST_DROP)))
 
 
-def _currents(field: Field) -> tuple[NDArray[np.int8], NDArray[np.uint8]]:
+def _currents(field: AnyField) -> tuple[NDArray[np.int8], NDArray[np.uint8]]:
     """Return the relative face currents int8 (nx, ny, 4) and the speeds of the moving dots uint8 (nx, ny).
 
     Currents flow through the lower and the upper face across each axis, positive along the axis; 127 is the largest
     current of the cell.  The speed is 255 at large currents, and 0 in cells without a current.
     """
+    if isinstance(field, LatticeField):
+        flow, largest = flows(field)
+        flowing = np.isfinite(largest) & (field.space.cell == Cell.FREE)
+        size = np.abs(flow).max(axis=-1, keepdims=True)
+        both = np.rint(127.0 * np.divide(flow, size, out=np.zeros_like(flow), where=size > 0)).astype(np.int8)
+        return np.where(flowing[..., np.newaxis], np.repeat(both, 2, axis=-1), np.int8(0)), _speed(largest, flowing)
     log_current, direction = (
         [part for axis in range(2) for part in sides_of_cells(values[axis], axis)]
         for values in (field.face_log_current, field.face_direction)
@@ -180,10 +193,18 @@ def _currents(field: Field) -> tuple[NDArray[np.int8], NDArray[np.uint8]]:
     for side in range(4):
         fraction = np.exp((log_current[side] - base).astype(np.float32))
         currents[..., side] = np.rint(np.float32(127.0) * direction[side] * fraction)
+    return currents, _speed(largest, flowing)
+
+
+def _speed(largest: NDArray[np.float64], flowing: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """Return the speeds of the moving dots, uint8 (nx, ny).
+
+    `largest` (nx, ny): natural logarithm of the largest current of each cell; `flowing` (nx, ny): cells with a current.
+    """
     decades = largest / np.log(10.0)
     top = np.quantile(decades[flowing], 0.98) if flowing.any() else 0.0
     speed = np.clip(1.0 + (np.where(flowing, decades, top) - top) / _SPEED_DECADES, 0.2, 1.0)
-    return currents, np.where(flowing, np.rint(255.0 * speed), 0).astype(np.uint8)
+    return np.where(flowing, np.rint(255.0 * speed), 0).astype(np.uint8)
 
 
 def probe(frame: SolvedDrawing, cell: Sequence[int]) -> dict[str, Any]:
@@ -193,8 +214,9 @@ def probe(frame: SolvedDrawing, cell: Sequence[int]) -> dict[str, Any]:
     or ``"goal"``; `conductivity`: relative conductivity; `potential`: normalised potential, 0 to 1, NaN in a cell
     without a node; `volts`: the same potential in volts; `drop_decades`: log10 of the drop, None without an obstacle
     rail; `amperes`: currents through the lower and the upper face across the first axis, then across the second,
-    positive along the axis; `bits`: converter bits that resolve the voltage step to the lowest neighbour, or None;
-    `exact`: whether the solution is direction-safe; `proved`: sentences on proved properties.
+    positive along the axis, or, for other lattices than "square", `steps`: pairs of an arrow and the current along a
+    step to a neighbour, positive outwards; `bits`: converter bits that resolve the voltage step to the lowest
+    neighbour, or None; `exact`: whether the solution is direction-safe; `proved`: sentences on proved properties.
 
     `frame`: the solved drawing; `cell`: index along each axis.  Raises InputError for a cell outside the grid.
     """
@@ -204,8 +226,7 @@ def probe(frame: SolvedDrawing, cell: Sequence[int]) -> dict[str, Any]:
         raise InputError(f"there is no cell {list(index)} in the grid of {' x '.join(map(str, space.shape))} cells")
     wiring = frame.field.wiring
     unit = abs(wiring.supply) / wiring.resistance
-    direction, log_current = frame.field.faces_of(np.array([index]))
-    phi = float(frame.field.potential[index])
+    phi = float(at_cells(frame.field, frame.field.potential)[index])
     log_drop = _log_drop(frame)
     drop = None if log_drop is None else float(log_drop[index]) / np.log(10.0)
     return {
@@ -216,11 +237,22 @@ def probe(frame: SolvedDrawing, cell: Sequence[int]) -> dict[str, Any]:
         "potential": phi,
         "volts": wiring.goal_voltage + phi * wiring.supply,
         "drop_decades": drop,
-        "amperes": (unit * direction[:, 0].T * np.exp(log_current[:, 0].T)).ravel().tolist(),
+        **_currents_of(frame.field, index, unit),
         "bits": _bits(frame, index),
         "exact": frame.exact,
         "proved": _proved(frame, index),
     }
+
+
+def _currents_of(field: AnyField, index: tuple[int, int], unit: float) -> dict[str, Any]:
+    """Return the entry ``amperes`` or ``steps`` of `probe`.
+
+    `index`: index of the cell along each axis; `unit`: unit of the field's currents, in amperes.
+    """
+    if isinstance(field, LatticeField):
+        return {"steps": [[arrow, unit * amperes] for arrow, amperes in step_currents(field, index)]}
+    direction, log_current = field.faces_of(np.array([index]))
+    return {"amperes": (unit * direction[:, 0].T * np.exp(log_current[:, 0].T)).ravel().tolist()}
 
 
 def _proved(frame: SolvedDrawing, index: tuple[int, int]) -> list[str]:
@@ -233,6 +265,8 @@ def _proved(frame: SolvedDrawing, index: tuple[int, int]) -> list[str]:
     if frame.drawing.cell[index] != Cell.FREE or not frame.field.space.goal_connected[index]:
         return []
     proved = ["current leaves to lower potential", "Kirchhoff's law holds to 1e-6"]
+    if isinstance(frame.field, LatticeField):
+        proved = ["the largest current leads to a lower potential"]
     for number, path in enumerate(frame.paths, 1):
         if path is not None and path.outcome is Outcome.REACHED and (path.cells == index).all(axis=1).any():
             proved.append(f"path {number} passes here, certified to goal {path.goal}")
@@ -242,13 +276,13 @@ def _proved(frame: SolvedDrawing, index: tuple[int, int]) -> list[str]:
 def _bits(frame: SolvedDrawing, index: tuple[int, ...]) -> float | None:
     """Return the converter bits that resolve the voltage step from a cell to its lowest neighbour.
 
-    `index`: index of the cell.  The result is None for cells that are not free, for blends of two circuits, and for
-    previews without an operating point.
+    `index`: index of the cell.  The result is None for cells that are not free, for blends of two circuits, for
+    previews without an operating point, and for lattices other than "square".
     """
     from resgrid.chip.adc_resolution import analyse_adc_resolution
 
     points = frame.solution.operating_points
-    if len(points) != 1 or frame.drawing.cell[index] != Cell.FREE:
+    if len(points) != 1 or frame.drawing.cell[index] != Cell.FREE or isinstance(frame.field, LatticeField):
         return None
     return float(analyse_adc_resolution(next(iter(points.values()))).cell_bits[index])
 
@@ -258,17 +292,14 @@ def _circuit(op: OperatingPoint) -> dict[str, Any] | None:
 
     `resistors`: lists of axis, i, j (the resistor at the lower face of cell (i, j) across this axis), ohms, and volts
     and amperes from the lower to the upper side; `supplies`: name of the rail, volts and delivered amperes of every
-    voltage source; `fed`: amperes injected into every driven node, None without injected currents.
+    voltage source; `fed`: amperes injected into every driven node, None without injected currents; `leak`: median ohms
+    of the leaks of the nodes, None without leaks.  Other lattices than "square" have no `resistors`, but the entries of
+    `segments`.
     """
-    netlist, cells = op.netlist, op.netlist.cells
-    shape = cells.space.shape
-    if max(shape) > MAX_CIRCUIT_SIDE:
+    netlist, found = op.netlist, op.netlist.space_map
+    assert found is not None
+    if max(found.space.shape) > MAX_CIRCUIT_SIDE:
         return None
-    ohms = 1.0 / netlist.conductance
-    amperes = np.where(cells.resistor_upward, 1.0, -1.0) * op.resistor_current
-    across, index = crossed_faces(cells.resistor_face, shape)
-    columns = [column[across >= 0] for column in (across, *index.T, ohms, ohms * amperes, amperes)]
-    resistors = [list(row) for row in zip(*(column.tolist() for column in columns), strict=True)]
     supplies = [
         {"rail": _rail(op, int(plus)), "volts": volts, "amperes": -amps}
         for plus, volts, amps in zip(
@@ -276,11 +307,26 @@ def _circuit(op: OperatingPoint) -> dict[str, Any] | None:
         )
     ]
     fed = float(netlist.current_amps.max()) if len(netlist.current_amps) else None
-    return {"resistors": resistors, "supplies": supplies, "fed": fed}
+    if netlist.lattice_map is not None:
+        return {"resistors": [], "supplies": supplies, "fed": fed, "leak": None, **segments(op)}
+    leaks = 1.0 / netlist.conductance[netlist.cells.leak_cell >= 0]
+    leak = float(np.median(leaks)) if leaks.size else None
+    return {"resistors": _resistors(op), "supplies": supplies, "fed": fed, "leak": leak}
+
+
+def _resistors(op: OperatingPoint) -> list[list[float]]:
+    """Return axis, i, j, ohms, volts and amperes of the resistors that cross cell faces, as in `_circuit`."""
+    cells = op.netlist.cells
+    ohms = 1.0 / op.netlist.conductance
+    amperes = np.where(cells.resistor_upward, 1.0, -1.0) * op.resistor_current
+    across, index = crossed_faces(cells.resistor_face, cells.space.shape)
+    columns = [column[across >= 0] for column in (across, *index.T, ohms, ohms * amperes, amperes)]
+    return [list(row) for row in zip(*(column.tolist() for column in columns), strict=True)]
 
 
 def _rail(op: OperatingPoint, node: int) -> str:
-    cells = op.netlist.cells
+    cells = op.netlist.space_map
+    assert cells is not None
     if node == cells.obstacle_node:
         return "obstacles"
     return f"goal {cells.goal_nodes.index(node)}" if node in cells.goal_nodes else "start"

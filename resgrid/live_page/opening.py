@@ -1,4 +1,4 @@
-"""Import of drawings: shipped scenes, files that the user opens on the page, and links."""
+"""Import of drawings: files that the user opens on the page, and links."""
 
 from __future__ import annotations
 
@@ -8,47 +8,18 @@ import re
 import tempfile
 import tomllib
 from collections.abc import Mapping, Sequence
-from functools import cache
 from pathlib import Path
 from typing import Any
 
 from resgrid.errors import InputError
 from resgrid.live_page.drawing import Drawing, drawing_of
 from resgrid.live_page.messages import File
-from resgrid.scene import Scene, read_scene
+from resgrid.scene import read_scene
 from resgrid.scene.file_names import needs_files
 from resgrid.scene.reading import build_scene
-from resgrid.scene.shipped import shipped_scenes
 
 _SUFFIXES = (".toml", ".yaml", ".yml", ".map", ".png", ".pgm", ".jpg", ".jpeg", ".bmp")
 _PLAIN = re.compile(r"[\w. +()-]+")
-
-
-@cache
-def examples() -> Mapping[str, Path]:
-    """Return the files of the shipped example scenes with two axes, by the name of the scene."""
-    return {name: file for name, file in shipped_scenes().items() if _is_plane(file)}
-
-
-@cache
-def example_titles() -> Mapping[str, str]:
-    """Return the titles of the shipped example scenes with two axes, by the name of the scene."""
-    tables = {name: tomllib.loads(file.read_text(encoding="utf-8")) for name, file in examples().items()}
-    return {name: table.get("title", name) for name, table in tables.items()}
-
-
-def _is_plane(file: Path) -> bool:
-    """Return whether the scene in a TOML file has two axes."""
-    table = tomllib.loads(file.read_text(encoding="utf-8"))
-    links, grid = table.get("robot", {}).get("links"), table.get("grid", {})
-    return len(links or grid.get("axes", [])) == 2
-
-
-def open_example(name: str | None) -> Scene:
-    """Return the shipped scene with a name; raise InputError for an unknown name or None."""
-    if name is None or name not in examples():
-        raise InputError(f"there is no example {name!r}; the examples are {', '.join(examples())}")
-    return read_scene(examples()[name])
 
 
 def open_document(document: Mapping[str, Any] | None) -> Drawing:

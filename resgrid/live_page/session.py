@@ -15,9 +15,10 @@ from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.errors import InputError, ResgridError
 from resgrid.live_page.arms import pose, poses, resample
 from resgrid.live_page.drawing import Drawing, drawing_of, is_same_circuit
+from resgrid.live_page.examples import example_menu, open_example
 from resgrid.live_page.frames import describe, describe_others, probe
 from resgrid.live_page.messages import Request, in_page_words, pack, read_drawing, read_request, write_drawing
-from resgrid.live_page.opening import example_titles, open_document, open_example, open_files
+from resgrid.live_page.opening import open_document, open_files
 from resgrid.live_page.solving import SolvedDrawing, WarmFields, solve_drawing
 
 MAX_EXACT_SECONDS = 0.035
@@ -46,10 +47,10 @@ class Session:
         self._warm = WarmFields()
 
     def hello(self) -> bytes:
-        """Return the first message to a page, as bytes: names of examples, settings, and the initial drawing."""
+        """Return the first message to a page, as bytes: examples, settings, and the initial drawing."""
         head, body = write_drawing(self.first)
         colours = {"height": list(HEIGHT), "goal": GOAL}
-        about = {"examples": example_titles(), "read_only": self.read_only, "colours": colours}
+        about = {"examples": example_menu(), "read_only": self.read_only, "colours": colours}
         return pack({"hello": about, **head}, body)
 
     def answer(self, message: bytes) -> bytes:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.transients import initial_voltages, transient_stepper
+from resgrid.core.lattice import SQUARE
 from resgrid.core.netlist import GROUND, Netlist
 from resgrid.errors import BudgetError, InputError
 from resgrid.live_page.drawing import Drawing
@@ -65,6 +66,8 @@ def settle(
     """
     if not drawing.driven and 0.0 < drawing.k < 1.0:
         raise InputError("a blend consists of two chips: choose k = 0 or k = 1 for the transient of one chip")
+    if drawing.lattice != SQUARE:
+        raise InputError("transients need the lattice of face neighbours: choose the lattice square")
     if drawing.cell.size > MAX_CELLS:
         raise BudgetError(
             f"transients are only computed for up to {MAX_CELLS:,} cells; this drawing has {drawing.cell.size:,}: "

@@ -15,13 +15,16 @@ from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.solve import solve
 from resgrid.circuit.warm_start import WarmStart
 from resgrid.core.cell import Cell
+from resgrid.core.lattice import SQUARE
 from resgrid.core.netlist import Netlist
 from resgrid.errors import AccuracyError, CircuitError, InputError
 from resgrid.live_page.drawing import Drawing
+from resgrid.planning.any_field import AnyField, FieldPath
 from resgrid.planning.certify import certify
 from resgrid.planning.fields import Field, read_cells
+from resgrid.planning.lattice_fields import LatticeField
+from resgrid.planning.node_paths import follow_nodes
 from resgrid.planning.pipeline import Problem, Solution, SolveOptions, Solver, solve_problem
-from resgrid.planning.streamline import Streamline
 from resgrid.planning.trace import follow, start_points
 
 if TYPE_CHECKING:
@@ -65,12 +68,12 @@ class SolvedDrawing:
 
     drawing: Drawing
     solution: Solution
-    paths: tuple[Streamline | None, ...]
+    paths: tuple[FieldPath | None, ...]
     exact: bool
     seconds: float
 
     @property
-    def field(self) -> Field:
+    def field(self) -> AnyField:
         """Field that the page displays."""
         return self.solution.fields[0]
 
@@ -79,13 +82,21 @@ def solve_drawing(drawing: Drawing, *, exact: bool, warm: WarmFields | None = No
     """Return the solution of a drawing, with a path for every start; raise InputError without a goal.
 
     `exact`: whether to compute a direction-safe field and certified paths, otherwise a preview; `warm`: solver of
-    previews for ideal chips, which starts from the previous fields, None to solve without previous fields.
+    previews for ideal chips, which starts from the previous fields, None to solve without previous fields.  Lattices
+    other than "square" have no previews: their solutions are always direction-safe.
     """
     began = time.perf_counter()
     if not (drawing.cell == Cell.GOAL).any():
         raise InputError("there is no goal: set a goal with the goal tool")
     if drawing.driven and not len(drawing.starts):
         raise InputError("there is no start to drive the grid: set a start, or choose the uniform drive")
+    if drawing.lattice != SQUARE:
+        exact = True  # a path from node to node needs direction-safe currents
+        if imperfections_of(drawing):
+            raise InputError(
+                "mismatch and open resistors need the lattice of face neighbours: choose the lattice square, or set "
+                "the mismatch to none and repair the resistors"
+            )
     solution = _solved(drawing, exact, warm)
     points = start_points(drawing.space, drawing.starts) if len(drawing.starts) else ()
     paths = tuple(_path(field, points[number], exact) for field, number in solution.tasks)
@@ -103,7 +114,11 @@ def _solved(drawing: Drawing, exact: bool, warm: WarmFields | None) -> Solution:
     )
 
 
-def _path(field: Field, point: NDArray[np.float64], exact: bool) -> Streamline | None:
+def _path(field: AnyField, point: NDArray[np.float64], exact: bool) -> FieldPath | None:
+    if isinstance(field, LatticeField):
+        nodes = follow_nodes(field, point)
+        certify(nodes)
+        return nodes
     if not exact:
         field = replace(field, safe=None)
     try:

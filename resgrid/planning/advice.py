@@ -12,6 +12,7 @@ from resgrid.core.cell import Cell
 from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import ResgridError
 from resgrid.planning.failure_reasons import FAILURE_REASONS, nearest_start, undecided_reason
+from resgrid.planning.node_paths import NodePath
 from resgrid.planning.streamline import Outcome, Streamline
 from resgrid.robots import PointRobot
 from resgrid.scene import GoalCell, GoalJoints, Scene, build_space
@@ -48,7 +49,7 @@ class Advisor:
         """Whether the map of the scene has unknown cells that block configurations."""
         return has_unknown(self.scene)
 
-    def reason(self, path: Streamline) -> str | None:
+    def reason(self, path: Streamline | NodePath) -> str | None:
         """Return a message with the reason why a path reaches no goal, and remedies; None if it reaches a goal."""
         if path.outcome not in (Outcome.START_BLOCKED, Outcome.NO_PATH):
             return path.reason
@@ -62,7 +63,7 @@ class Advisor:
             parts.append("open a passage")
         return "; ".join(part for part in parts if part)
 
-    def _remedies(self, path: Streamline, *, unknown: bool) -> Iterator[str]:
+    def _remedies(self, path: Streamline | NodePath, *, unknown: bool) -> Iterator[str]:
         """Yield a phrase for every change of the scene that opens a path from the start of `path` to a goal.
 
         A smaller body is also named, without a trial, for robots that are not points or discs.  `unknown`: whether
@@ -87,7 +88,7 @@ class Advisor:
         elif self._helps("cells", partial(_finer, scene), path):
             yield "refine the grid: twice as many cells on each axis open a path"
 
-    def _finer_maps(self, path: Streamline) -> Iterator[str]:
+    def _finer_maps(self, path: Streamline | NodePath) -> Iterator[str]:
         """Yield a phrase for the first finer division of the map that opens a path from the start of `path`."""
         assert self.scene.map is not None
         table = self.scene.map.table
@@ -105,7 +106,7 @@ class Advisor:
                 yield f"--{key} {count} opens a path, with {' x '.join(map(str, space.shape))} cells"
                 return
 
-    def _helps(self, name: str, change: Change, path: Streamline) -> bool:
+    def _helps(self, name: str, change: Change, path: Streamline | NodePath) -> bool:
         """Return whether a goal can be reached from the start of `path` after a change of the scene.
 
         The result is False if the changed scene is invalid or has too many cells.  `name`: key of the change in the

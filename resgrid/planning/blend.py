@@ -11,7 +11,7 @@ from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError
 from resgrid.planning.fields import Field
 
-_CANCELLED = 1e-12
+CANCELLED = 1e-12
 """Magnitude of a blended current below which it is rounding error and counts as zero, as a fraction of the larger of
 ``k |I_D|`` and ``(1 - k) |I_N|``, the two currents that are added."""
 
@@ -27,7 +27,7 @@ def blend(dirichlet: Field, neumann: Field, k: float, *, allow_start_drive: bool
     dirichlet : Field
         Field with obstacles at the high rail (``boundary`` ``"dirichlet"`` or ``"wall"``).
     neumann : Field
-        Field with open obstacles and a uniform drive.
+        Field with open obstacles and a uniform drive, or the leak of the Dirichlet field.
     k : float
         Weight of the Dirichlet field, in [0, 1].
     allow_start_drive : bool
@@ -42,7 +42,7 @@ def blend(dirichlet: Field, neumann: Field, k: float, *, allow_start_drive: bool
     Raises
     ------
     InputError
-        If k is out of range, the fields have the wrong boundaries, or they differ in space or edge rule.
+        If k is out of range, the fields have the wrong boundaries, or they differ in space, edge rule or leak.
 
     Examples
     --------
@@ -83,25 +83,32 @@ def check_k(k: float) -> None:
 
 
 def check_pair(dirichlet: Field, neumann: Field) -> None:
-    """Raise InputError unless the fields are Dirichlet and Neumann, in this order, of one space and one edge rule."""
+    """Raise InputError unless the fields are Dirichlet and Neumann, in this order, of one space, edge rule and leak."""
     if dirichlet.boundary not in {"dirichlet", "wall"} or neumann.boundary != "neumann":
         raise InputError(
             f"a blend takes a Dirichlet and a Neumann field, in this order; got {dirichlet.boundary!r} and "
             f"{neumann.boundary!r}"
         )
-    if dirichlet.space is not neumann.space and not _same_cells(dirichlet.space, neumann.space):
+    if not is_same_space(dirichlet.space, neumann.space):
         raise InputError("the two fields belong to different spaces; compile both from one space")
+    if dirichlet.wiring.leak != neumann.wiring.leak:
+        raise InputError(
+            f"the two fields have leak = {dirichlet.wiring.leak:g} and {neumann.wiring.leak:g}; compile both with the "
+            "same leak"
+        )
     if dirichlet.edge != neumann.edge:
         raise InputError(
             f"the two fields have edges {dirichlet.edge} and {neumann.edge}; compile both with the same edge"
         )
 
 
-def _same_cells(first: ConfigurationSpace, second: ConfigurationSpace) -> bool:
+def is_same_space(first: ConfigurationSpace, second: ConfigurationSpace) -> bool:
     """Return whether two spaces have equal axes, frames, cells and conductivities.
 
     A space without conductivities has 1.
     """
+    if first is second:
+        return True
     one, other = (np.float64(1.0) if space.conductivity is None else space.conductivity for space in (first, second))
     placed = first.axes == second.axes and first.frame == second.frame
     return placed and np.array_equal(first.cell, second.cell) and bool(np.all(one == other))
@@ -121,7 +128,7 @@ def _add_currents(
     largest = np.maximum(log_d, log_n)
     base = np.where(np.isfinite(largest), largest, 0.0)
     total = dirichlet.face_direction[axis] * np.exp(log_d - base) + neumann.face_direction[axis] * np.exp(log_n - base)
-    total[np.abs(total) < _CANCELLED] = 0.0
+    total[np.abs(total) < CANCELLED] = 0.0
     with np.errstate(divide="ignore"):
         return np.sign(total).astype(np.int8), np.log(np.abs(total)) + base
 

@@ -1,31 +1,30 @@
-"""Certificates: independent checks of streamlines and polylines, without the code that computes them."""
+"""Certificates: independent checks of streamlines, without the code that computes them."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from itertools import pairwise, product
+from itertools import product
 from numbers import Integral, Real
 
 import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.core.cell import Cell
-from resgrid.core.space import ConfigurationSpace
-from resgrid.errors import CertificateError, InputError
-from resgrid.planning.clearance import clearance_of, face_crossings
-from resgrid.planning.streamline import AnyPath, Outcome, Streamline, length_of
+from resgrid.errors import CertificateError
+from resgrid.planning.certify_nodes import certify_nodes
+from resgrid.planning.clearance import clearance_of
+from resgrid.planning.node_paths import NodePath
+from resgrid.planning.streamline import Outcome, Streamline, length_of
 
-Cells = set[tuple[int, ...]]
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
-_LONGEST = 10_000_000  # maximum length of a segment, in cells along an axis
 _SAME_TIME = 1e-9  # tolerance of the logarithm of the duration
 _SLACK = 4.0  # tolerance of positions within a cell, as a multiple of their rounding error (`space.rounding`)
 _LARGEST_LOG = 745.0  # natural logarithm of the largest finite ratio of two float64 velocities
 
 
-def certify(path: Streamline) -> None:
-    """Verify all properties and numbers of a streamline; raise CertificateError at the first violation.
+def certify(path: Streamline | NodePath) -> None:
+    """Verify all properties and numbers of a path; raise CertificateError at the first violation.
 
     A streamline that reached a goal must satisfy all of the following.
 
@@ -35,13 +34,17 @@ def certify(path: Streamline) -> None:
     - The last cell belongs to the stated goal region, and the streamline ends at its goal point, if one is defined.
     - Length, clearance and duration agree with the polyline.
 
-    For other outcomes, the outcome must be true, and the streamline must state no further results.
+    A path from node to node of a lattice must begin in the cell of its first site; its steps must lead from site to
+    neighbouring site, along the largest current of each site and to no higher potential; and no segment may touch an
+    obstacle cell, not even at a corner.  Sites are distinct, and the last one lies in the stated goal region.
+
+    For other outcomes, the outcome must be true, and the path must state no further results.
     The tolerance of positions is 1e-9 of a cell, or the rounding error of large coordinates.
 
     Parameters
     ----------
-    path : Streamline
-        The streamline to verify.
+    path : Streamline or NodePath
+        The path to verify.
 
     Raises
     ------
@@ -58,6 +61,9 @@ def certify(path: Streamline) -> None:
         ...
     resgrid.errors.CertificateError: the last cell belongs to goal 0
     """
+    if isinstance(path, NodePath):
+        certify_nodes(path)
+        return
     _check_kinds(path)
     if path.outcome in {Outcome.REACHED, Outcome.NO_CURRENT}:
         _check_cells(path)
@@ -300,101 +306,3 @@ def _check_duration(path: Streamline, log_shortest: Floats, log_longest: Floats)
     claimed = float(path.log_duration)
     if not (np.isnan(claimed) and np.isneginf(low)) and not low - _SAME_TIME <= claimed <= high + _SAME_TIME:
         raise CertificateError(f"the logarithm of the duration is {low}, not {claimed}")
-
-
-def certify_collision_free(path: AnyPath) -> None:
-    """Check that no segment of a polyline meets an obstacle cell or leaves the grid.
-
-    A segment must touch only free or goal cells (closed boxes), or lie in one such cell, e.g. along an obstacle's face.
-    Consecutive cells of the second kind must be connected through faces of free cells that touch the point between
-    them: no path passes between obstacles that meet at a corner.  Cells are enlarged by 1e-9 of their width, or by the
-    rounding error of large coordinates.
-
-    Parameters
-    ----------
-    path : Streamline, ShortPath or Polyline
-        The path to check.
-
-    Raises
-    ------
-    CertificateError
-        If a segment violates both conditions; the message names the segment and the cell.
-    InputError
-        If a segment is longer than 10,000,000 cells along an axis.
-
-    Examples
-    --------
-    >>> space = rg.build_space(rg.read_scene("examples/scenes/lesson.toml"))
-    >>> rg.certify_collision_free(rg.Polyline([(0.5, 6.5), (5.5, 5.5), (6.5, 1.5)], space))
-    >>> rg.certify_collision_free(rg.Polyline([(0.5, 6.5), (6.5, 1.5)], space))
-    Traceback (most recent call last):
-        ...
-    resgrid.errors.CertificateError: segment 0 touches cell (2, 4), which is not free or outside the grid
-    """
-    space = path.space
-    scaled = (path.line - space.lower) / space.spacing
-    _check_segments(scaled, space)
-    here = _free(_touched(scaled[0], scaled[0], space), space)
-    segments = pairwise(scaled) if len(scaled) > 1 else [(scaled[0], scaled[0])]
-    for number, (start, end) in enumerate(segments):
-        touched = _touched(start, end, space)
-        free = _free(touched, space)
-        if len(free) < len(touched):
-            containing = {cell for cell in free if _contains(cell, start, space) and _contains(cell, end, space)}
-            if not containing:
-                cell = min(touched - free)
-                raise CertificateError(f"segment {number} touches cell {cell}, which is not free or outside the grid")
-            here = _connected(here, _free(_touched(start, start, space), space))
-            if not here & containing:
-                cell = min(containing)
-                raise CertificateError(f"segment {number} enters cell {cell} through a corner or edge of obstacles")
-            free = here & containing
-        here = _connected(free, _free(_touched(end, end, space), space))
-
-
-def _check_segments(scaled: NDArray[np.float64], space: ConfigurationSpace) -> None:
-    """Raise CertificateError if a point of `scaled` (n, ndim) is off the grid, InputError if a segment is too long."""
-    slack = space.rounding
-    outside = np.any(~space.periodic & ((scaled < -slack) | (scaled > space.shape + slack)), axis=1)
-    if outside.any():
-        raise CertificateError(f"point {int(np.argmax(outside))} lies outside the grid")
-    if np.any(np.abs(np.diff(scaled, axis=0)) > _LONGEST):
-        raise InputError(f"a segment of this path is longer than {_LONGEST:,} cells; split it")
-
-
-def _touched(start: NDArray[np.float64], end: NDArray[np.float64], space: ConfigurationSpace) -> Cells:
-    """Return the index tuples of all closed cells that the segment from `start` to `end` touches (in cell units)."""
-    # Each of these cells contains a crossing of a face, or a midpoint between two crossings.
-    crossings = np.concatenate([[0.0], face_crossings(start, end), [1.0]])
-    parameters = np.concatenate([crossings, (crossings[:-1] + crossings[1:]) / 2])
-    at = start + parameters[:, np.newaxis] * (end - start)
-    rim = space.rounding
-    options = np.stack([np.floor(at - rim), np.floor(at + rim)]).astype(np.int64)
-    corners = [options[np.array(pick), :, np.arange(len(start))].T for pick in product((0, 1), repeat=len(start))]
-    return set(map(tuple, np.concatenate(corners).tolist()))
-
-
-def _free(cells: Cells, space: ConfigurationSpace) -> Cells:
-    """Return those of `cells` (index tuples) that are free or goal cells; cells outside the grid are neither."""
-    index = np.array(sorted(cells))
-    size = np.array(space.shape)
-    inside = np.all((index >= 0) & (index < size) | space.periodic, axis=1)
-    free = inside & (space.cell[tuple(np.mod(index, size).T)] != Cell.OBSTACLE)
-    return set(map(tuple, index[free].tolist()))
-
-
-def _contains(cell: tuple[int, ...], point: NDArray[np.float64], space: ConfigurationSpace) -> bool:
-    """Return whether a closed cell contains a `point` (ndim,), in cell units, to within rounding error."""
-    return bool(np.all(np.abs(point - cell - 0.5) <= 0.5 + space.rounding))
-
-
-def _connected(start: Cells, among: Cells) -> Cells:
-    """Return the cells of the set `among` that are connected through faces, within `among`, to cells of `start`."""
-    reached, new = set[tuple[int, ...]](), start & among
-    while new:
-        reached |= new
-        new = {
-            cell for cell in among - reached
-            if any(sum(abs(i - j) for i, j in zip(cell, other, strict=True)) == 1 for other in new)
-        }  # fmt: skip
-    return reached

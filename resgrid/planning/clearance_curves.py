@@ -11,6 +11,7 @@ from resgrid._internal.values import frozen, picture_html
 from resgrid.core.space import ConfigurationSpace
 from resgrid.core.wiring import wiring_of
 from resgrid.errors import InputError
+from resgrid.planning.any_field import require_faces
 from resgrid.planning.pipeline import solve_field
 from resgrid.planning.planner import Planner
 from resgrid.planning.streamline import Outcome
@@ -111,10 +112,11 @@ def clearance_curve(
     >>> curve.mean.round(3), curve.mean_length.round(3)
     (array([0.462, 0.494, 0.506]), array([4.511, 4.291, 4.296]))
     """
+    require_faces(planner.field, "clearance_curve")
     space, wiring = planner.space, planner.field.wiring
     if wall_resistances is None:
         knob, values = "k", _settings("k", ks, 1.0)
-        fields = [planner.at(k).field for k in values.tolist()]
+        fields = [require_faces(planner.at(k).field, "clearance_curve") for k in values.tolist()]
     else:
         knob, values = "wall_resistance", _settings("wall_resistance", wall_resistances, np.inf)
         walls = [

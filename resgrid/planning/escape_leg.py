@@ -11,7 +11,7 @@ from resgrid.core.cell import Cell
 from resgrid.core.regions import label_regions
 from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import CertificateError, InputError
-from resgrid.planning.certify import certify_collision_free
+from resgrid.planning.certify_segments import certify_collision_free
 from resgrid.planning.streamline import Polyline
 from resgrid.planning.trace import start_cell
 from resgrid.robots import PointRobot

@@ -15,6 +15,12 @@ FAILURE_REASONS = {
 }
 """Message for every value of `Outcome` except ``"reached"``."""
 
+FLAT = (
+    "no current flows here, because these cells are connected to a goal but to no obstacle: open the obstacles "
+    "(boundary = 'neumann', or k below 1), or let the edge count as an obstacle (edge = 'obstacle')"
+)
+"""Message for the outcome ``no_current`` between obstacles on the rail."""
+
 _MORE_PROOFS = "use more cells, or a larger value of the robot's halvings"
 """Remedy for undecided cells."""
 

@@ -18,6 +18,7 @@ from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError
 from resgrid.planning.certify import certify
 from resgrid.planning.escape_leg import escape_leg
+from resgrid.planning.node_paths import NodePath
 from resgrid.planning.pipeline import require_uniform, scene_wiring
 from resgrid.planning.planner import plan
 from resgrid.planning.streamline import Outcome, Polyline, Streamline
@@ -37,7 +38,7 @@ class Leg:
 
     Attributes
     ----------
-    path : Streamline or Polyline
+    path : Streamline, NodePath or Polyline
         The leg; a polyline for a leg out of the inflated zone.
     kind : {"escape", "via", "goal", "approximate"}
         End of the leg: the nearest free cell with a path, an intermediate pose, a goal, or the nearest reachable place.
@@ -52,7 +53,7 @@ class Leg:
     [('via', True, 7.1), ('goal', True, 5.7)]
     """
 
-    path: Streamline | Polyline
+    path: Streamline | NodePath | Polyline
     kind: Literal["escape", "via", "goal", "approximate"]
     certified: bool
 

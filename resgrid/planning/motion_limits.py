@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from resgrid._internal.numbers import per_axis
 from resgrid._internal.validation import with_article
 from resgrid.errors import InputError
-from resgrid.planning.streamline import AnyPath, robot_of
+from resgrid.planning.any_path import AnyPath, robot_of
 
 Limits = float | Sequence[float] | NDArray[np.float64]
 

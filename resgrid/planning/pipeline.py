@@ -19,13 +19,14 @@ from resgrid._internal.values import frozen
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.solve import PETSC, normalize_drive, solve
 from resgrid.core.compiler import NO_GOAL, compile_space, why_undriven
+from resgrid.core.lattice import require_square
 from resgrid.core.netlist import Netlist
 from resgrid.core.space import ConfigurationSpace
 from resgrid.core.wiring import Wiring, WiringOptions, wiring_of
 from resgrid.errors import CircuitError, InputError
-from resgrid.planning import fields
-from resgrid.planning.blend import blend, check_k
-from resgrid.planning.fields import Field, undriven_field
+from resgrid.planning.any_field import AnyField, blended, field_of, require_faces, undriven
+from resgrid.planning.blend import check_k
+from resgrid.planning.fields import Field
 from resgrid.planning.petsc_fields import Ranked, solve_ranked
 from resgrid.planning.trace import start_cell
 from resgrid.scene import Scene, build_space
@@ -126,7 +127,7 @@ class Problem:
     def halves(self) -> dict[float, Wiring]:
         """Wirings by weight k: 1 (obstacles on the rail, through wall resistances if any) and 0 (open obstacles)."""
         wiring = self.wiring
-        closed = wiring_of(wiring, {"boundary": "dirichlet"}) if wiring.is_driven else wiring
+        closed = wiring_of(wiring, {"boundary": "dirichlet"}) if wiring.is_open else wiring
         return {1.0: closed, 0.0: wiring.opened()}
 
     @property
@@ -198,20 +199,20 @@ class Solution:
 
     problem: Problem
     operating_points: Mapping[str, OperatingPoint]
-    pure: Mapping[str, Field]
+    pure: Mapping[str, AnyField]
 
     @cached_property
-    def fields(self) -> tuple[Field, ...]:
+    def fields(self) -> tuple[AnyField, ...]:
         """Fields that the problem asks for: one per weight k, or one per start if starts drive circuits."""
         ks = self.problem.ks
         if self.problem.start_driven or not ks:
             return tuple(self.pure.values())
         if len(self.pure) == 1:
             return tuple(self.pure.values()) * len(ks)
-        return tuple(blend(*self.halves, k) for k in ks)
+        return tuple(blended(*self.halves, k) for k in ks)
 
     @property
-    def halves(self) -> tuple[Field, Field]:
+    def halves(self) -> tuple[AnyField, AnyField]:
         """Fields of k = 1 and k = 0, from which all other fields are blended."""
         if len(self.pure) != 2 or self.problem.start_driven:
             raise InputError("a blend needs two fields, but one circuit was solved: use plan(..., k=...)")
@@ -228,7 +229,7 @@ class Solution:
         return () if self.problem.start_driven or len(idle) == len(self.pure) else idle
 
     @property
-    def tasks(self) -> list[tuple[Field, int]]:
+    def tasks(self) -> list[tuple[AnyField, int]]:
         """Pairs of a field and the index of a start whose streamline follows this field, for all requested paths."""
         numbers = range(len(self.problem.starts))
         if self.problem.start_driven:
@@ -276,14 +277,16 @@ def problem_of(
 def scene_wiring(scene: Scene, wiring: Wiring | None = None, **options: Unpack[WiringOptions]) -> Wiring:
     """Return `wiring`, by default the scene's wiring, with the fields in `options` replaced.
 
-    Open obstacles get a uniform drive.
+    Open obstacles without a leak get a uniform drive.
     """
     boundary, chip = options.get("boundary") or scene.boundary, scene.chip.with_process()
     default: dict[str, Any] = {
         "boundary": boundary,
         "edge": scene.edge,
+        "leak": scene.leak,
         "resistance": chip.resistance,
         "supply": chip.supply,
+        "lattice": scene.lattice,
     }
     if boundary == "wall":
         default["wall_resistance"] = chip.wall_resistance
@@ -342,16 +345,17 @@ def solve_problem(problem: Problem, *, scaled: bool = False, work: SolveOptions 
     space, wirings = problem.space, problem.wirings
     if not space.goal_count:
         raise InputError(NO_GOAL)
-    points, pure = dict[str, OperatingPoint](), dict[str, Field]()
+    points, pure = dict[str, OperatingPoint](), dict[str, AnyField]()
     for name, wiring in wirings.items():
         if why_undriven(space, wiring) is not None:
-            pure[name] = undriven_field(space, wiring)
+            pure[name] = undriven(space, wiring)
         elif work.by_petsc:
+            require_square(wiring.lattice, "method = 'petsc'")
             pure[name] = work.solve_ranked(space, wiring).field
         else:
             netlist = compile_circuit(space, wiring, scaled=scaled, work=work)
             points[name] = work.solve(netlist, f"solve the {wiring.boundary} chip")
-            pure[name] = fields.field(points[name])
+            pure[name] = field_of(points[name])
     return Solution(problem, points, pure)
 
 
@@ -361,4 +365,5 @@ def solve_field(space: ConfigurationSpace, wiring: Wiring, k: float | None = Non
     The blend has the field of this circuit for k = 1 and the field with open obstacles for k = 0.
     """
     starts = np.empty((0, space.ndim))
-    return solve_problem(Problem(space, wiring, () if k is None else (k,), starts)).fields[0]
+    field = solve_problem(Problem(space, wiring, () if k is None else (k,), starts)).fields[0]
+    return require_faces(field, "this computation")

@@ -13,13 +13,12 @@ from resgrid._internal.numbers import Count
 from resgrid._internal.values import frozen
 from resgrid.core.space import ConfigurationSpace
 from resgrid.core.wiring import Wiring, WiringOptions
-from resgrid.planning.blend import blend, dirichlet_share
-from resgrid.planning.fields import Field
+from resgrid.planning.any_field import AnyField, FieldPath, blended, ends_of, path_of, paths_of, require_faces
+from resgrid.planning.blend import dirichlet_share
 from resgrid.planning.map_changes import Change
 from resgrid.planning.pipeline import Solution, problem_of, require_uniform, solve_options, solve_problem
 from resgrid.planning.replanning import KeptCircuits, Replanning, solve_changed
-from resgrid.planning.streamline import Streamline
-from resgrid.planning.trace import Traces, follow, start_points, streamline, streamlines
+from resgrid.planning.trace import Traces
 from resgrid.scene import Scene
 from resgrid.scene.maps.arrays import MapCells
 
@@ -31,15 +30,15 @@ class Planner:
 
     Attributes
     ----------
-    field : Field
-        Field that streamlines follow.
+    field : Field or LatticeField
+        Field that paths follow: a `LatticeField` for another lattice than "square".
     solution : Solution
         The solved fields: one, or the Dirichlet and Neumann fields of all blends.
     space : ConfigurationSpace
         Configuration space of the field.
     k : float
         Weight of the Dirichlet field, in [0, 1].
-    obstacle_field, open_field : Field
+    obstacle_field, open_field : Field or LatticeField
         Fields of k = 1 (obstacles on the rail) and k = 0 (open obstacles).
     scene_starts : ndarray of float64, shape (n, ndim)
         Starts of the scene, in world coordinates.
@@ -57,7 +56,7 @@ class Planner:
     array([0, 0])
     """
 
-    field: Field
+    field: AnyField
     solution: Solution
     replanning: Replanning | None = attribute(default=None, repr=False)
     _kept: KeptCircuits = attribute(default_factory=KeptCircuits, repr=False)
@@ -74,12 +73,12 @@ class Planner:
         return self.field.k
 
     @property
-    def obstacle_field(self) -> Field:
+    def obstacle_field(self) -> AnyField:
         """Field with the weight k = 1: obstacles are connected to the rail, directly or through wall resistances."""
         return self.solution.halves[0]
 
     @property
-    def open_field(self) -> Field:
+    def open_field(self) -> AnyField:
         """Neumann field, with the weight k = 0: obstacles are open, so that no current flows into them."""
         return self.solution.halves[1]
 
@@ -106,7 +105,7 @@ class Planner:
         InputError
             If `k` is out of range, or the planner was created without a k, so that it does not hold both fields.
         """
-        return replace(self, field=blend(*self.solution.halves, k))
+        return replace(self, field=blended(*self.solution.halves, k))
 
     def update(
         self,
@@ -171,10 +170,11 @@ class Planner:
         Away from the goals, the Dirichlet gradient decays exponentially, but the Neumann gradient does not.  Even with
         a weight k of 0.98, the blend there is almost the Neumann field.  NaN where both gradients vanish.
         """
-        return dirichlet_share(*self.solution.halves, self.k)
+        obstacle, opened = (require_faces(field, "dirichlet_share") for field in self.solution.halves)
+        return dirichlet_share(obstacle, opened, self.k)
 
-    def path(self, start: ArrayLike | None = None, *, cell: Sequence[int] | None = None) -> Streamline:
-        """Return the streamline from a start.
+    def path(self, start: ArrayLike | None = None, *, cell: Sequence[int] | None = None) -> FieldPath:
+        """Return the path from a start: the streamline, or for another lattice than "square" the path of nodes.
 
         Parameters
         ----------
@@ -185,7 +185,7 @@ class Planner:
 
         Returns
         -------
-        Streamline
+        Streamline or NodePath
             Its ``outcome`` tells whether it reaches a goal.
 
         Raises
@@ -193,10 +193,10 @@ class Planner:
         InputError
             If the start lies outside the grid, or not exactly one of `start` and `cell` is given.
         """
-        return streamline(self.field, start, cell=cell)
+        return path_of(self.field, start, cell=cell)
 
-    def paths(self, starts: ArrayLike | None = None) -> list[Streamline]:
-        """Return the streamlines from several starts.
+    def paths(self, starts: ArrayLike | None = None) -> list[FieldPath]:
+        """Return the paths from several starts.
 
         Parameters
         ----------
@@ -205,18 +205,18 @@ class Planner:
 
         Returns
         -------
-        list of Streamline
-            One streamline per start, in the same order.
+        list of Streamline or NodePath
+            One path per start, in the same order.
 
         Raises
         ------
         InputError
             If a start lies outside the grid.
         """
-        return [follow(self.field, point) for point in start_points(self.space, self._starts(starts))]
+        return paths_of(self.field, self._starts(starts))
 
     def ends(self, starts: ArrayLike | None = None) -> Traces:
-        """Return only the ends of the streamlines from several starts, much faster than `paths`.
+        """Return only the ends of the paths from several starts, for streamlines much faster than `paths`.
 
         Parameters
         ----------
@@ -233,7 +233,7 @@ class Planner:
         InputError
             If a start lies outside the grid.
         """
-        return streamlines(self.field, self._starts(starts))
+        return ends_of(self.field, self._starts(starts))
 
     def _starts(self, starts: ArrayLike | None) -> ArrayLike:
         """Return `starts` (n, ndim), in world coordinates, by default the starts of the scene."""
@@ -310,6 +310,6 @@ def plan(
     return Planner(_chosen(solution, k), solution, _kept=KeptCircuits(work), _scene=scene)
 
 
-def _chosen(solution: Solution, k: float) -> Field:
+def _chosen(solution: Solution, k: float) -> AnyField:
     """Return the blend of a solution's fields with the weight `k` of the Dirichlet field, or its only field."""
-    return blend(*solution.halves, k) if solution.problem.ks else solution.fields[0]
+    return blended(*solution.halves, k) if solution.problem.ks else solution.fields[0]

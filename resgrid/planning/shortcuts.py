@@ -12,10 +12,13 @@ from numpy.typing import NDArray
 from resgrid._internal.numbers import Natural, NotNegative
 from resgrid.core.cell import Cell
 from resgrid.errors import InputError
-from resgrid.planning.certify import certify_collision_free
+from resgrid.planning.certify_segments import certify_collision_free
 from resgrid.planning.clearance import clearance_of
 from resgrid.planning.fields import Field
-from resgrid.planning.streamline import Outcome, ShortPath, Streamline, distinct_rows, length_of
+from resgrid.planning.lattice_fields import LatticeField
+from resgrid.planning.node_paths import NodePath
+from resgrid.planning.short_path import ShortPath
+from resgrid.planning.streamline import Outcome, Streamline, distinct_rows, length_of
 
 LineTest = Callable[[NDArray[np.float64], NDArray[np.float64]], bool]
 """Function of two points (ndim,), in axis units, that returns whether a path may follow the line between them."""
@@ -25,13 +28,13 @@ _GAIN = 1e-12
 
 
 def shortcut(
-    path: Streamline,
+    path: Streamline | NodePath,
     *,
     clearance: NotNegative | None = None,
     rounds: Annotated[int, Ge(0), Le(1_000_000)] = 200,
     seed: Natural = 0,
 ) -> ShortPath:
-    """Shorten a streamline by straight lines wherever all cells that they touch are free or goal cells.
+    """Shorten a path by straight lines wherever all cells that they touch are free or goal cells.
 
     First, each corner is connected to a farther point of the path, found by doubling steps and bisection.  Then
     ``rounds`` random chords between points of the path are tried (Geraerts & Overmars, Int. J. Robotics Research 26
@@ -41,8 +44,8 @@ def shortcut(
 
     Parameters
     ----------
-    path : Streamline
-        A streamline that reached a goal.
+    path : Streamline or NodePath
+        A path that reached a goal.
     clearance : float, optional
         Minimum distance, in axis units, of new lines from obstacle cells and from edges that count as obstacles, at
         least 0.  By default half of the streamline's clearance, but at least a quarter of the smallest cell width.
@@ -88,13 +91,13 @@ def shortcut(
     return short
 
 
-def default_clearance(path: Streamline) -> float:
+def default_clearance(path: Streamline | NodePath) -> float:
     """Return the default minimum distance of new lines from obstacles, in axis units; 0 if there are no obstacles."""
     least = float(path.space.spacing.min()) / 4
     return max(path.clearance / 2, least) if np.isfinite(path.clearance) else 0.0
 
 
-def _line_of_sight(field: Field, clearance: float) -> LineTest:
+def _line_of_sight(field: Field | LatticeField, clearance: float) -> LineTest:
     """Return a function of two points (ndim,), in axis units, that returns whether a path may follow their line.
 
     The line must touch only free or goal cells, and its distance from obstacles must be at least `clearance`, in axis

@@ -17,6 +17,7 @@ from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import AccuracyError, CertificateError, InputError
 from resgrid.planning.certify import certify
 from resgrid.planning.legs import final_goals, with_goals
+from resgrid.planning.node_paths import NodePath
 from resgrid.planning.pipeline import require_uniform, scene_wiring
 from resgrid.planning.planner import Planner, plan
 from resgrid.planning.replanning import Replanning
@@ -45,7 +46,7 @@ class StreamedPath:
     ----------
     snapshot : MapSnapshot
         The snapshot.
-    path : Streamline or None
+    path : Streamline, NodePath or None
         The path, also of a negative outcome; None if the start or the goal is blocked, or nothing was planned.
     outcome : Outcome or None
         Outcome of the plan; None if nothing was planned, because the map, the start or the goal is missing.
@@ -85,7 +86,7 @@ class StreamedPath:
     """
 
     snapshot: MapSnapshot
-    path: Streamline | None = None
+    path: Streamline | NodePath | None = None
     outcome: Outcome | None = None
     reason: str | None = None
     certified: bool = False

@@ -9,13 +9,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid._internal.validation import with_article
 from resgrid._internal.values import frozen, picture_html
 from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError
-from resgrid.planning.failure_reasons import failure_reason
+from resgrid.planning.failure_reasons import FLAT, failure_reason
 from resgrid.planning.fields import Field
-from resgrid.robots import PointRobot, Robot
 
 
 class Outcome(StrEnum):
@@ -43,10 +41,6 @@ class Outcome(StrEnum):
     GOAL_BLOCKED = "goal_blocked"
 
 
-_FLAT = (
-    "no current flows here, because these cells are connected to a goal but to no obstacle: open the obstacles "
-    "(boundary = 'neumann', or k below 1), or let the edge count as an obstacle (edge = 'obstacle')"
-)
 _UNSAFE = (
     "the field is not direction-safe from cell {cell} on (too inaccurate to give a direction): solve with accuracy "
     "'direction' (method 'auto', no warm start), or open obstacles with --drive uniform"
@@ -133,7 +127,7 @@ class Streamline:
     @cached_property
     def points(self) -> NDArray[np.float64]:
         """Distinct points of the streamline in world coordinates, shape (m, ndim)."""
-        return _in_world(self.axis_points[self._places], self.space)
+        return in_world(self.axis_points[self._places], self.space)
 
     @property
     def reason(self) -> str | None:
@@ -143,7 +137,7 @@ class Streamline:
             if not self.field.safe[cell]:
                 return _UNSAFE.format(cell=cell)
         if self.outcome is Outcome.NO_CURRENT and not self.field.wiring.is_driven:
-            return _FLAT
+            return FLAT
         return failure_reason(self.outcome, self.space, tuple(self.cells[0].tolist()))
 
     @property
@@ -174,75 +168,6 @@ class Streamline:
         continuous = np.concatenate([cells[:1], cells[:1] + np.cumsum(step, axis=0)])
         turns = (continuous - cells) // np.array(space.shape)
         return np.asarray(self.axis_points + turns * (space.upper - space.lower))
-
-
-@frozen
-@dataclass(frozen=True, eq=False)
-class ShortPath:
-    """A streamline whose bends were replaced by straight lines, certified by `certify_collision_free`.
-
-    Returned by `resgrid.shortcut`.
-
-    Attributes
-    ----------
-    axis_points, line : ndarray of float64, shape (n, ndim)
-        Corners in axis units, from the streamline's start to its end.  Coordinates are continuous across periodic
-        seams and may leave the range of a periodic axis.
-    points : ndarray of float64, shape (n, ndim)
-        Corners in world coordinates.
-    length : float
-        Length in axis units, at most that of the original.
-    clearance : float
-        Smallest distance, in axis units, to the box of an obstacle cell or to an edge that counts as an obstacle;
-        infinite if there is neither.
-    original : Streamline
-        The streamline that was shortened.
-    field : Field
-        Field of the original streamline.
-    space : ConfigurationSpace
-        Configuration space of the path.
-    goal : int or None
-        Index of the goal region at the end of the path.
-
-    Examples
-    --------
-    >>> path = rg.plan(rg.read_scene("examples/scenes/lesson.toml")).path((0.5, 6.5))
-    >>> short = rg.shortcut(path)
-    >>> len(path.points), len(short.points)
-    (12, 4)
-    >>> round(path.length, 3), round(short.length, 3), round(short.clearance, 3)
-    (8.712, 8.27, 0.251)
-    """
-
-    axis_points: NDArray[np.float64]
-    length: float
-    clearance: float
-    original: Streamline
-
-    @property
-    def field(self) -> Field:
-        """The field of the original streamline."""
-        return self.original.field
-
-    @property
-    def space(self) -> ConfigurationSpace:
-        """The configuration space of the path."""
-        return self.original.space
-
-    @property
-    def goal(self) -> int | None:
-        """Index of the goal region at the end of the path, None if it ends in no goal."""
-        return self.original.goal
-
-    @cached_property
-    def points(self) -> NDArray[np.float64]:
-        """Corners of the path in world coordinates, shape (n, ndim)."""
-        return _in_world(self.axis_points, self.space)
-
-    @property
-    def line(self) -> NDArray[np.float64]:
-        """Corners of the path in axis units, continuous across periodic seams, shape (n, ndim)."""
-        return self.axis_points
 
 
 @frozen
@@ -296,44 +221,6 @@ class Polyline:
         return self.space.from_world(self.points)
 
 
-AnyPath = Streamline | ShortPath | Polyline
-
-
-def unwrap(path: AnyPath) -> NDArray[np.float64]:
-    """Return a path's points in world coordinates that are continuous across periodic seams.
-
-    The points differ from ``path.points`` by multiples of the period of each periodic axis; the start is unchanged.
-
-    Parameters
-    ----------
-    path : Streamline, ShortPath or Polyline
-        The path.
-
-    Returns
-    -------
-    ndarray of float64, shape (n, ndim)
-        World coordinates.
-
-    Examples
-    --------
-    >>> ring = rg.ConfigurationSpace([rg.Axis("theta", 0.0, 1.0, 4, periodic=True)], [0, 0, 1, 2])
-    >>> path = rg.plan(ring).path((0.1,))
-    >>> path.points[:, 0], rg.planning.unwrap(path)[:, 0]
-    (array([0.1, 1. ]), array([0.1, 0. ]))
-    """
-    return path.space.to_world(path.line)
-
-
-def robot_of(path: AnyPath) -> Robot:
-    """Return the robot of a path's space; a point robot of radius 0 if the space has no robot."""
-    robot = path.space.robot
-    if robot is None:
-        return PointRobot()
-    if not isinstance(robot, Robot):
-        raise InputError(f"the robot of this space must be a resgrid.Robot, not {with_article(type(robot).__name__)}")
-    return robot
-
-
 def distinct_rows(points: NDArray[np.float64], tolerance: NDArray[np.float64]) -> NDArray[np.int64]:
     """Return the indices (m,) of rows that differ from the last row before them in the result by more than a tolerance.
 
@@ -358,7 +245,7 @@ def length_of(points: NDArray[np.float64]) -> float:
     return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
 
 
-def _in_world(axis_points: NDArray[np.float64], space: ConfigurationSpace) -> NDArray[np.float64]:
+def in_world(axis_points: NDArray[np.float64], space: ConfigurationSpace) -> NDArray[np.float64]:
     """Return `axis_points` (n, ndim), given in axis units, in world coordinates, as a read-only array."""
     points = space.frame.to_world(axis_points)
     points.flags.writeable = False

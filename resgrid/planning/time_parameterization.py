@@ -17,9 +17,10 @@ from resgrid._internal.numbers import NotNegative, check_number
 from resgrid._internal.values import frozen
 from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError
+from resgrid.planning.any_path import AnyPath, robot_of, unwrap
 from resgrid.planning.motion_limits import Limits, limit_ratio, own_velocity_limits
 from resgrid.planning.parabolic_blends import at_constant_velocities, with_blends
-from resgrid.planning.streamline import AnyPath, Polyline, distinct_rows, robot_of, unwrap
+from resgrid.planning.streamline import Polyline, distinct_rows
 from resgrid.scene.mask import Mask
 from resgrid.scene.speed_zones import speed_zones
 

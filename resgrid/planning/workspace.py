@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from resgrid._internal.numbers import Positive
 from resgrid._internal.values import frozen
 from resgrid.errors import InputError
-from resgrid.planning.streamline import AnyPath, robot_of, unwrap
+from resgrid.planning.any_path import AnyPath, robot_of, unwrap
 from resgrid.planning.time_parameterization import Trajectory
 from resgrid.robots import Shape
 from resgrid.robots.collision_tests import CollisionTest

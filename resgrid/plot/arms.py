@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from resgrid._internal.colours import GOAL
 from resgrid.errors import InputError
-from resgrid.planning.streamline import AnyPath
+from resgrid.planning.any_path import AnyPath
 from resgrid.plot.figures import axes_or_new
 from resgrid.plot.motions import Motion, dense_motion, goal_places, poses_along, reference_of
 from resgrid.plot.raster import Camera, Layer, render

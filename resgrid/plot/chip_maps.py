@@ -20,7 +20,8 @@ from resgrid.chip.sensitivity import Sensitivity
 from resgrid.chip.settling import Settling
 from resgrid.chip.yields import Yield
 from resgrid.core.cell import Cell
-from resgrid.core.netlist import CellMap, Netlist
+from resgrid.core.cell_map import CellMap
+from resgrid.core.netlist import Netlist
 from resgrid.core.regions import crossed_faces
 from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError
@@ -201,7 +202,7 @@ def draw_faults(result: FaultAnalysis, ax: Axes | None = None, *, fault: Literal
         x, y = cells.space.centre(np.stack(np.unravel_index(cell, cells.space.shape), axis=1)).T
         axes.scatter(
             x, y, c=worst, cmap=strength_map(), norm=norm, s=16, marker="s", edgecolor="white", linewidth=0.4,
-            zorder=5, label="a switch or load of the cell",
+            zorder=5, label=f"a switch{', leak' if cells.wiring.leak else ''} or load of the cell",
         )  # fmt: skip
     finish(plane, axes)
     add_colour_bar(lines, axes, "starts lost")

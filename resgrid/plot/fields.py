@@ -16,8 +16,9 @@ from matplotlib.patches import Polygon
 from numpy.typing import NDArray
 
 from resgrid.core.cell import Cell
+from resgrid.planning.any_field import FieldPath
 from resgrid.planning.fields import Field
-from resgrid.planning.streamline import Streamline
+from resgrid.planning.lattice_fields import LatticeField
 from resgrid.plot.figures import PAGE, add_title, axes_or_new, figure_of, new_figure, panel_height
 from resgrid.plot.panels import Panel, draw_panels
 from resgrid.plot.paths import end_of_first, mark_outcome, path_layer, require_paths
@@ -73,7 +74,7 @@ def _draw_potential(
     contours: bool = True,
     axis: int | None = None,
     indices: Sequence[int] | None = None,
-    paths: Sequence[Streamline] = (),
+    paths: Sequence[FieldPath] = (),
     k: Sequence[float] | None = None,
 ) -> Axes | Figure:
     """Draw the potential and paths; return the axes, or the figure of a space with more than two axes.
@@ -105,7 +106,7 @@ def _draw_potential(
 
 
 def draw_summary(
-    field: Field, paths: Sequence[Streamline] = (), *, k: Sequence[float] | None = None, title: str = "",
+    field: Field | LatticeField, paths: Sequence[FieldPath] = (), *, k: Sequence[float] | None = None, title: str = "",
     scale: Scale = "auto",
 ) -> Figure:  # fmt: skip
     """Draw the overview of a field of one to four axes with its paths.
@@ -115,9 +116,9 @@ def draw_summary(
 
     Parameters
     ----------
-    field : Field
-        Field of one to four axes.
-    paths : sequence of Streamline
+    field : Field or LatticeField
+        Field of one to four axes.  The page of a lattice has no panel of currents.
+    paths : sequence of Streamline or NodePath
         Paths to draw on the potential.
     k : sequence of float, optional
         Weight k of the Dirichlet field of each path; by default all paths belong to one field.
@@ -142,7 +143,11 @@ def draw_summary(
     >>> figure = rg.plot.draw_summary(planner.field, planner.paths(), title="Eight by eight")
     """
     require_paths(paths, field.space)
-    if field.space.ndim == 2:
+    if isinstance(field, LatticeField):
+        from resgrid.plot.lattices import draw_lattice_field
+
+        figure = figure_of(draw_lattice_field(field, scale=scale, paths=paths, k=k))
+    elif field.space.ndim == 2:
         figure = _plane_page(field, paths, k, scale)
     else:
         figure = figure_of(_draw_potential(field, scale=scale, paths=paths, k=k))
@@ -150,7 +155,7 @@ def draw_summary(
     return figure
 
 
-def _plane_page(field: Field, paths: Sequence[Streamline], k: Sequence[float] | None, scale: Scale) -> Figure:
+def _plane_page(field: Field, paths: Sequence[FieldPath], k: Sequence[float] | None, scale: Scale) -> Figure:
     """Return a figure of a field with two axes: one panel with potential and paths, one panel with currents.
 
     `k`: weight k of the Dirichlet field of each path, None for paths of one field; `scale`: "auto", "linear" or "log".

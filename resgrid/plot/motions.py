@@ -9,7 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError
-from resgrid.planning.streamline import AnyPath, Polyline
+from resgrid.planning.any_path import AnyPath
+from resgrid.planning.streamline import Polyline
 from resgrid.planning.workspace import sample_path
 from resgrid.scene.goals import GoalCell, GoalJoints, GoalPoint, GoalPose
 from resgrid.scene.scene import Scene

@@ -120,6 +120,10 @@ def draw_circuit(netlist: Netlist, ax: Axes | None = None, *, op: OperatingPoint
         raise InputError("circuit diagrams have no symbol for nonlinear resistors; draw the field of this circuit")
     if op is not None and not op.is_of(netlist):
         raise InputError("the operating point belongs to another netlist; solve this one first")
+    if netlist.lattice_map is not None:
+        from resgrid.plot.lattices import draw_lattice_netlist
+
+        return draw_lattice_netlist(netlist, ax)
     if netlist.cell_map is None or len(netlist.cells.resistor_face) != len(netlist.resistor_nodes):
         return _draw_graph(netlist, op, ax)
     shape = netlist.cells.space.shape

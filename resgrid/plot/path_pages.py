@@ -11,7 +11,10 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from resgrid.core.space import ConfigurationSpace
-from resgrid.planning.streamline import AnyPath, Polyline, ShortPath, Streamline
+from resgrid.planning.any_field import FieldPath
+from resgrid.planning.any_path import AnyPath
+from resgrid.planning.short_path import ShortPath
+from resgrid.planning.streamline import Polyline
 from resgrid.plot import paths as plane_paths
 from resgrid.plot.figures import PAGE, new_figure, panel_height
 from resgrid.plot.panels import Panel, add_figure_legend, draw_known, paint_unknown, painter
@@ -28,7 +31,7 @@ _SLICES = 3
 
 
 def draw_path(
-    path: Streamline, ax: Axes | None = None, *, axis: int | None = None, indices: Sequence[int] | None = None
+    path: FieldPath, ax: Axes | None = None, *, axis: int | None = None, indices: Sequence[int] | None = None
 ) -> Axes | Figure:
     """Draw a streamline; return the axes, or the figure of a space with more than two axes.
 
@@ -39,7 +42,7 @@ def draw_path(
 
 
 def draw_streamlines(
-    paths: Sequence[Streamline],
+    paths: Sequence[FieldPath],
     ax: Axes | None = None,
     *,
     k: Sequence[float] | None = None,
@@ -75,9 +78,9 @@ def draw_line(
     return plane_paths.draw_line(path, ax, axis=axis, indices=indices)
 
 
-def _are_streamlines(paths: Sequence[AnyPath]) -> TypeGuard[Sequence[Streamline]]:
+def _are_streamlines(paths: Sequence[AnyPath]) -> TypeGuard[Sequence[FieldPath]]:
     """Return whether all paths are streamlines."""
-    return all(isinstance(path, Streamline) for path in paths)
+    return all(isinstance(path, FieldPath) for path in paths)
 
 
 def draw_voxel_page(
@@ -127,7 +130,7 @@ def _cuts_through(paths: Sequence[AnyPath], space: ConfigurationSpace) -> list[C
     path, axis = paths[0], space.axes[2]
     line = subdivided(points_of(path, space), PIECES)
     heights = np.clip(np.floor((line[:, 2] - axis.lower) / axis.spacing).astype(int), 0, axis.cells - 1)
-    ends = [int(heights[0]), int(path.cells[-1][2]) if isinstance(path, Streamline) else int(heights[-1])]
+    ends = [int(heights[0]), int(path.cells[-1][2]) if isinstance(path, FieldPath) else int(heights[-1])]
     extremes = sorted(
         (int(heights.max()), int(heights.min())), key=lambda number: -min(abs(number - end) for end in ends)
     )

@@ -19,9 +19,12 @@ from numpy.typing import ArrayLike, NDArray
 from resgrid.core.cell import Cell
 from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError
+from resgrid.planning.any_field import FieldPath
+from resgrid.planning.any_path import AnyPath, unwrap
 from resgrid.planning.blocking_obstacles import SceneSeparation, Separation
 from resgrid.planning.clearance_curves import ClearanceCurve
-from resgrid.planning.streamline import AnyPath, Outcome, Polyline, ShortPath, Streamline, unwrap
+from resgrid.planning.short_path import ShortPath
+from resgrid.planning.streamline import Outcome, Polyline
 from resgrid.plot.figures import axes_or_new
 from resgrid.plot.panels import Layer, Panel, draw_known, draw_panels, name_free_cells, painter, virtual_cells
 from resgrid.plot.plane import at_small_goals, finish, seam_shifts
@@ -39,7 +42,7 @@ _REACHABLE, _SEPARATING = "reachable from the start", "to be removed for a path 
 
 
 def draw_path(
-    path: Streamline, ax: Axes | None = None, *, axis: int | None = None, indices: Sequence[int] | None = None
+    path: FieldPath, ax: Axes | None = None, *, axis: int | None = None, indices: Sequence[int] | None = None
 ) -> Axes | Figure:
     """Draw a streamline with its start and end; return the axes, or the figure of a space with more than two axes.
 
@@ -50,7 +53,7 @@ def draw_path(
 
 
 def draw_streamlines(
-    paths: Sequence[Streamline],
+    paths: Sequence[FieldPath],
     ax: Axes | None = None,
     *,
     k: Sequence[float] | None = None,
@@ -70,7 +73,7 @@ def draw_streamlines(
     )
 
 
-def end_of_first(paths: Sequence[Streamline]) -> list[int] | None:
+def end_of_first(paths: Sequence[FieldPath]) -> list[int] | None:
     """Return the goal cell (ndim,) of the first path that reaches a goal, for slices; None if none reaches one."""
     return next((path.cells[-1].tolist() for path in paths if path.outcome is Outcome.REACHED), None)
 
@@ -82,7 +85,7 @@ def _ground(space: ConfigurationSpace, ax: Axes | None) -> list[Layer]:
     return [draw_known] if space.undecided is None else [name_free_cells, draw_known]
 
 
-def path_layer(paths: Sequence[Streamline], k: Sequence[float] | None) -> Layer:
+def path_layer(paths: Sequence[FieldPath], k: Sequence[float] | None) -> Layer:
     """Return a function of a `Panel` that draws the paths that reach a goal, grouped by k, and all starts and ends.
 
     `paths`: streamlines; `k`: weight k of the Dirichlet field of each path, None for paths of one field.
@@ -90,7 +93,7 @@ def path_layer(paths: Sequence[Streamline], k: Sequence[float] | None) -> Layer:
     groups, reached = by_blend(paths, k), [path for path in paths if path.outcome is Outcome.REACHED]
     failed = Counter(path.outcome for path in paths if path.outcome is not Outcome.REACHED)
 
-    def ends(some: Sequence[Streamline], panel: Panel, row: int) -> NDArray[np.float64]:
+    def ends(some: Sequence[FieldPath], panel: Panel, row: int) -> NDArray[np.float64]:
         return panel.seen(np.unique([path.axis_points[row] for path in some], axis=0))
 
     def layer(panel: Panel) -> None:
@@ -115,7 +118,7 @@ def path_layer(paths: Sequence[Streamline], k: Sequence[float] | None) -> Layer:
     return layer
 
 
-def by_blend(paths: Sequence[Streamline], k: Sequence[float] | None) -> list[tuple[float | None, list[Streamline]]]:
+def by_blend(paths: Sequence[FieldPath], k: Sequence[float] | None) -> list[tuple[float | None, list[FieldPath]]]:
     """Return pairs of a value of k and its paths that reach a goal, in ascending order of k.
 
     `k`: weight k of the Dirichlet field of each path; None gives one pair with the value None.
@@ -125,7 +128,7 @@ def by_blend(paths: Sequence[Streamline], k: Sequence[float] | None) -> list[tup
     if paths:
         require_paths(paths, paths[0].space)
     blends: Sequence[float | None] = [None] * len(paths) if k is None else k
-    groups: dict[float | None, list[Streamline]] = {blend: [] for blend in sorted(set(blends), key=lambda b: b or 0.0)}
+    groups: dict[float | None, list[FieldPath]] = {blend: [] for blend in sorted(set(blends), key=lambda b: b or 0.0)}
     for path, blend in zip(paths, blends, strict=True):
         if path.outcome is Outcome.REACHED:
             groups[blend].append(path)
@@ -184,7 +187,7 @@ def _frame_cells(cells: Sequence[NDArray[np.int64]], panel: Panel) -> None:
     )
 
 
-def mark_outcome(path: Streamline, place: ArrayLike, axes: Axes) -> None:
+def mark_outcome(path: FieldPath, place: ArrayLike, axes: Axes) -> None:
     """Mark the start of a path: a disc if the path reaches a goal, otherwise a cross with the outcome in the legend.
 
     `place` (2,): position of the mark, in coordinates of the picture.
@@ -193,7 +196,7 @@ def mark_outcome(path: Streamline, place: ArrayLike, axes: Axes) -> None:
     mark(place, axes, "start" if reached else "failure", None if reached else path.outcome.value.replace("_", " "))
 
 
-def require_paths(paths: Sequence[Streamline], space: ConfigurationSpace) -> None:
+def require_paths(paths: Sequence[FieldPath], space: ConfigurationSpace) -> None:
     """Raise InputError if the number of coordinates of a streamline differs from the number of axes of the space."""
     for number, path in enumerate(paths):
         if path.axis_points.shape[1:] != (space.ndim,):
@@ -203,7 +206,7 @@ def require_paths(paths: Sequence[Streamline], space: ConfigurationSpace) -> Non
             )
 
 
-def seam_pieces(path: Streamline) -> list[NDArray[np.float64]]:
+def seam_pieces(path: FieldPath) -> list[NDArray[np.float64]]:
     """Return the polylines (n, ndim) into which crossings of periodic seams divide a streamline, in axis units."""
     points, space = path.axis_points, path.space
     if len(points) < 2:

@@ -47,9 +47,11 @@ PICTURES = {
     "resgrid.planning.blocking_obstacles:SceneSeparation": "paths:draw_separation",
     "resgrid.planning.blocking_obstacles:Separation": "paths:draw_separation",
     "resgrid.planning.fields:Field": "fields:draw_field",
+    "resgrid.planning.lattice_fields:LatticeField": "lattices:draw_lattice_field",
+    "resgrid.planning.node_paths:NodePath": "path_pages:draw_path",
     "resgrid.planning.clearance_curves:ClearanceCurve": "paths:draw_clearance_curve",
     "resgrid.planning.streamline:Polyline": "path_pages:draw_line",
-    "resgrid.planning.streamline:ShortPath": "path_pages:draw_line",
+    "resgrid.planning.short_path:ShortPath": "path_pages:draw_line",
     "resgrid.planning.streamline:Streamline": "path_pages:draw_path",
     "resgrid.planning.time_parameterization:Trajectory": "trajectories:draw_trajectory",
     "resgrid.scene.scene:Scene": "pictures:draw_scene_or_cells",
@@ -60,6 +62,7 @@ PICTURES = {
 PICTURES_OF_SEVERAL = {
     "resgrid.chip.adc_resolution:ADCResolution": "chip_curves:draw_adc_resolutions",
     "resgrid.control.run_log:Run": "control:draw_runs",
+    "resgrid.planning.node_paths:NodePath": "path_pages:draw_streamlines",
     "resgrid.planning.streamline:Streamline": "path_pages:draw_streamlines",
 }
 """Function that draws a sequence of values of a type, or a mapping of names to such values; the form is that of
@@ -153,6 +156,8 @@ def draw(value: object, ax: Axes | None = None, **options: Any) -> Any:
     field               potential of one to four axes, or currents   ``quantity`` ("potential", "currents"), ``scale``
                                                                      ("auto", "linear", "log": decades of the drop),
                                                                      ``contours``, ``axis``, ``indices``
+    field of a lattice  potential at its sites, and of small         ``scale``, ``axis``, ``indices``
+                        lattices their resistors
     path, paths         streamlines on the cells, or on a given ax;  ``axis``, ``indices``; of several ``k`` (of each),
                         of a point or ball in space the surface of   ``unknown`` (mask of obstacle cells)
                         the obstacles, and slices at the path
@@ -243,11 +248,15 @@ def draw_operating_point(op: OperatingPoint, ax: Axes | None = None) -> Axes | F
     new figure.
     """
     from resgrid.planning.fields import field
+    from resgrid.planning.lattice_fields import lattice_field
     from resgrid.plot.circuits import MOST_CELLS_A_SIDE
     from resgrid.plot.fields import draw_field
+    from resgrid.plot.lattices import draw_lattice_field
     from resgrid.plot.netlist_graphs import draw_circuit
 
     cells = op.netlist.cell_map
+    if op.netlist.lattice_map is not None:
+        return draw_lattice_field(lattice_field(op), ax)
     if cells is None or (max(cells.space.shape) <= MOST_CELLS_A_SIDE and cells.space.ndim <= 2):
         return draw_circuit(op.netlist, ax, op=op)
     return draw_field(field(op), ax)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from matplotlib.colors import Colormap
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from resgrid.core.cell import Cell
 from resgrid.errors import InputError
 from resgrid.planning.fields import Field
+from resgrid.planning.lattice_fields import LatticeField
 from resgrid.plot.style import height_map
 
 Scale = Literal["auto", "linear", "log"]
@@ -51,7 +52,7 @@ class Shading:
         return height_map().reversed() if self.is_log else height_map()
 
 
-def shading_of(field: Field, scale: Scale = "auto") -> Shading:
+def shading_of(field: Field | LatticeField, scale: Scale = "auto") -> Shading:
     """Return the values of a field's picture with their colour scale.
 
     `scale`: "linear", "log" (logarithm of the drop) or "auto" (by the range of the drop).  Raises InputError for "log"
@@ -65,11 +66,16 @@ def shading_of(field: Field, scale: Scale = "auto") -> Shading:
             )
         return _linear(field)
     decades = np.where(np.isfinite(field.log_drop), field.log_drop / np.log(10.0), np.nan)
-    shown = decades[field.space.goal_connected]
+    shown = decades[at_nodes(field, field.space.goal_connected)]
     smallest = span(shown)[0] if np.isfinite(shown).any() else 0.0
     if scale == "linear" or (scale == "auto" and smallest > -_DECADES_WORTH_A_LOG):
         return _linear(field)
     return _logarithmic(field, decades, smallest)
+
+
+def at_nodes(field: Field | LatticeField, value: NDArray[Any]) -> NDArray[Any]:
+    """Return values of cells (shape of the space) at the nodes of a field: the cells, or the sites of a lattice."""
+    return field.lattice.at_sites(value) if isinstance(field, LatticeField) else value
 
 
 def no_drop(field: Field, shading: Shading) -> NDArray[np.bool_]:
@@ -82,7 +88,7 @@ def no_drop(field: Field, shading: Shading) -> NDArray[np.bool_]:
     return np.asarray(field.space.goal_connected & np.isneginf(field.log_drop))
 
 
-def _linear(field: Field) -> Shading:
+def _linear(field: Field | LatticeField) -> Shading:
     """Return a linear scale from 0 to 1 with the potential as values."""
     step = 0.05 if max(field.space.shape) > 24 else 0.1
     return Shading(
@@ -98,17 +104,17 @@ def _linear(field: Field) -> Shading:
     )
 
 
-def _potential_label(field: Field) -> str:
+def _potential_label(field: Field | LatticeField) -> str:
     """Return the colour bar's label for the potential, by the boundary and the drive of the field."""
     if field.boundary == "blend":
         return rf"potential $\phi$ of the blend, $k$ = {field.k:g}"
     if field.wiring.drive == "uniform":
         return r"$\phi$: height above the goal rail, scaled to 1"
-    high = "start" if field.wiring.drive == "start" else "obstacles"
+    high = "start" if field.wiring.drive == "start" else "obstacle rail" if field.wiring.is_open else "obstacles"
     return rf"potential $\phi$ (1: {high}, 0: goals)"
 
 
-def _logarithmic(field: Field, decades: NDArray[np.float64], smallest: float) -> Shading:
+def _logarithmic(field: Field | LatticeField, decades: NDArray[np.float64], smallest: float) -> Shading:
     """Return a logarithmic scale with the drop as values.
 
     `decades`: log10 of the drop, shape of the space; `smallest`: lowest value of `decades` that the colour scale must
@@ -118,7 +124,7 @@ def _logarithmic(field: Field, decades: NDArray[np.float64], smallest: float) ->
     lower = min(np.floor(smallest / step) * step, -step)
     rail = "start" if field.wiring.drive == "start" else "obstacle"
     return Shading(
-        values=np.where(field.space.cell == Cell.OBSTACLE, np.nan, decades),
+        values=np.where(at_nodes(field, field.space.cell) == Cell.OBSTACLE, np.nan, decades),
         lower=lower,
         upper=0.0,
         levels=np.arange(round(lower / step) + 1, 0) * step,

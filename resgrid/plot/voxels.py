@@ -16,7 +16,9 @@ from resgrid.core.axis import Axis
 from resgrid.core.cell import Cell
 from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError
-from resgrid.planning.streamline import AnyPath, Outcome, Streamline
+from resgrid.planning.any_field import FieldPath
+from resgrid.planning.any_path import AnyPath
+from resgrid.planning.streamline import Outcome
 from resgrid.plot.figures import axes_or_new
 from resgrid.plot.plane import cells_with_path
 from resgrid.plot.raster import Camera, Layer, render
@@ -249,7 +251,7 @@ def draw_paths_in_view(
     if view.goal.any():
         add_swatch(axes, "goal", GOAL)
     for path, line, drawn, style in zip(paths, lines, dense, styles, strict=True):
-        outcome = path.outcome if isinstance(path, Streamline) else Outcome.REACHED
+        outcome = path.outcome if isinstance(path, FieldPath) else Outcome.REACHED
         first, last = camera.seen(line[[0, -1]])[:, :2]
         if outcome is not Outcome.REACHED:
             mark(first, axes, "failure", outcome.value.replace("_", " "))

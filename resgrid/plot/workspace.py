@@ -22,8 +22,9 @@ from resgrid._internal.colours import GOAL
 from resgrid.core.cell import Cell
 from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError
+from resgrid.planning.any_field import FieldPath
+from resgrid.planning.any_path import AnyPath
 from resgrid.planning.blocking_obstacles import Separation
-from resgrid.planning.streamline import AnyPath, Streamline
 from resgrid.plot.arms import draw_arm, draw_arm_scene, draw_tool_paths, is_in_space
 from resgrid.plot.figures import PAGE, add_title, axes_or_new, caption_height, new_figure
 from resgrid.plot.motions import Motion, dense_motion, empty_space, goal_places, poses_along, reference_of
@@ -119,7 +120,7 @@ def draw_robot(path: Motion, scene: Scene, ax: Axes | None = None, *, ghosts: in
     return axes
 
 
-def draw_tip_paths(paths: Sequence[Streamline], scene: Scene, ax: Axes | None = None) -> Axes:
+def draw_tip_paths(paths: Sequence[FieldPath], scene: Scene, ax: Axes | None = None) -> Axes:
     """Draw the paths of an arm's tip, or of another robot's reference point, in the workspace.
 
     Parameters
@@ -216,7 +217,7 @@ def draw_workspace_and_space(
         draw_separation(verdict, right, virtual=virtual)
     else:
         draw_space(path.space, right, virtual=virtual)
-        if isinstance(path, Streamline):
+        if isinstance(path, FieldPath):
             draw_path(path, right)
         else:
             draw_line(path, right)

@@ -13,10 +13,12 @@ from resgrid.core.axis import Axis
 from resgrid.core.cell import Cell
 from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError, ResgridError
+from resgrid.planning.any_path import AnyPath
+from resgrid.planning.node_paths import NodePath
 from resgrid.planning.pipeline import problem_of, require_uniform
 from resgrid.planning.planner import Planner, plan
 from resgrid.planning.shortcuts import shortcut
-from resgrid.planning.streamline import AnyPath, Outcome, Streamline
+from resgrid.planning.streamline import Outcome, Streamline
 from resgrid.planning.time_parameterization import time_parameterize
 from resgrid.planning.workspace import sample_path, workspace_clearance
 from resgrid.robots import URDFRobot
@@ -226,7 +228,7 @@ def answer(task: Task, goal: NDArray[np.float64] | None) -> Motion:
         return task.resting(f"**no path**  \n{error}")
 
 
-def failure_text(path: Streamline) -> str:
+def failure_text(path: Streamline | NodePath) -> str:
     """Return the outcome of a path that reaches no goal, with the reason, as Markdown."""
     reason = {
         Outcome.START_BLOCKED: "the start lies in a cell that is not proven free; move it",

@@ -14,7 +14,7 @@ import pytest
 from PIL import Image
 from playwright.sync_api import Browser, Page
 from support.cli import answer
-from support.pages import drag, kept, lines, link_of, point_on, settle, until
+from support.pages import drag, example_names, kept, lines, link_of, open_example, point_on, settle, until
 
 import resgrid as rg
 from resgrid._internal.colours import GOAL
@@ -94,6 +94,101 @@ def test_controls_for_k_wall_and_edge_change_the_field(shown: Page):
     shown.select_option("#driven", "start")
     settle(shown)
     assert shown.locator("#k").is_disabled()
+
+
+def test_the_leak_slider_states_its_unit_and_the_screening_length(shown: Page):
+    assert shown.inner_text("#leak-out") == "none"
+    shown.locator("#k").fill("0")
+    settle(shown)
+    assert shown.inner_text("#legend-low") == "goal: potential 0"
+    shown.locator("#leak").fill("30")
+    settle(shown)
+    leak = shown.evaluate("live.model.scene.leak")
+    assert shown.inner_text("#leak-out") == f"{leak:g} / cell²"
+    ohms, length = 10e3 / leak, leak**-0.5
+    assert f"screening length {length:.3g} cell; {ohms / 1e6:.3g} MΩ from every node" in shown.inner_text("#leak-note")
+    assert "✓ certified" in shown.inner_text("#quality") and "decades" in shown.inner_text("#legend-high")
+    drive = shown.locator("#driven")  # open obstacles are driven by the leak
+    assert drive.is_disabled() and "set it to none" in (drive.get_attribute("title") or "")
+    shown.get_by_role("button", name="Undo").click()
+    until(shown, "document.getElementById('leak-out').textContent === 'none'")
+    assert drive.is_enabled() and not drive.get_attribute("title")
+    shown.select_option("#driven", "start")
+    settle(shown)
+    for control in ("k", "wall", "leak"):
+        assert shown.locator(f"#{control}").is_disabled()
+        assert "choose the uniform drive" in (shown.locator(f"#{control}").get_attribute("title") or "")
+
+
+def test_the_ends_of_the_leak_slider_are_one_cell_and_twice_the_grid(shown: Page):
+    for place, length in (("1", 192.0), ("60", 1.0)):
+        shown.locator("#leak").fill(place)
+        settle(shown)
+        assert shown.evaluate("live.model.scene.leak ** -0.5") == pytest.approx(length, rel=0.01)
+        assert shown.locator("#leak").input_value() == place
+
+
+def test_a_lattice_shows_the_path_from_node_to_node_and_disables_what_needs_squares(shown: Page):
+    smooth = lines(shown)[0]
+    shown.select_option("#lattice", "square8")
+    settle(shown)
+    line = lines(shown)[0]
+    steps = np.abs(np.diff(line, axis=0))
+    assert not np.array_equal(line, smooth)
+    np.testing.assert_allclose(steps[:-1] * (steps[:-1] - 1), 0, atol=1e-6)  # whole cells: 0 or 1 along each axis
+    assert "✓ certified" in shown.inner_text("#quality")
+    assert "from node to node" in shown.inner_text("#lattice-note")
+    for control in ("#leak", "#mismatch", "#seed", "#settle"):
+        assert shown.locator(control).is_disabled(), control
+        assert "4 neighbours" in (shown.locator(control).get_attribute("title") or ""), control
+    snap = shown.get_by_role("button", name="Break")
+    assert snap.is_disabled() and "4 neighbours" in (snap.get_attribute("title") or "")
+    shown.locator("#canvas").focus()
+    shown.keyboard.press("x")  # the key of a disabled tool
+    assert shown.evaluate("live.tools.tool") == "draw"
+    shown.mouse.move(*point_on(shown, (50.5, 50.5)))
+    until(shown, "document.getElementById('card').textContent.includes('↗')")
+    assert "the largest current leads to a lower potential" in shown.inner_text("#card")
+    drag(shown, [(40, 20), (40, 60)])
+    settle(shown)
+    assert "✓ certified" in shown.inner_text("#quality")
+    for _ in range(2):
+        shown.get_by_role("button", name="Undo").click()
+    settle(shown)
+    np.testing.assert_array_equal(lines(shown)[0], smooth)
+    settle_button = shown.locator("#settle")
+    assert settle_button.is_enabled() and "Transient" in (settle_button.get_attribute("title") or "")
+
+
+def test_mismatch_open_resistors_and_leaks_disable_the_lattice(shown: Page):
+    lattice = shown.locator("#lattice")
+    for change, said in (
+        ("{ chip: { mismatch: 0.1, seed: 1 } }", "set the mismatch to none"),
+        ("{ broken: [[3, 4, 0]] }", "repair the resistors"),
+        ("{ leak: 0.1 }", "leak"),
+    ):
+        assert lattice.is_enabled()
+        shown.evaluate(f"live.model.replace({change})")
+        settle(shown)
+        assert lattice.is_disabled() and said in (lattice.get_attribute("title") or "")
+        shown.get_by_role("button", name="Undo").click()
+
+
+def test_the_circuit_of_a_lattice_is_drawn_and_its_link_opens_it(shown: Page, chromium: Browser):
+    open_example(shown, "lesson")
+    shown.select_option("#lattice", "hexagonal")
+    settle(shown)
+    segments = shown.evaluate("live.view.frame.circuit.segments")
+    a, b, c, d, ohms = segments[len(segments) // 2][:5]
+    shown.mouse.move(*point_on(shown, ((a + c) / 2, (b + d) / 2)))
+    until(shown, "document.getElementById('card').textContent.includes('resistor')")
+    assert f"{ohms / 1e3:g} kΩ" in shown.inner_text("#card")
+    other = chromium.new_context().new_page()
+    other.goto(link_of(shown).replace("/#", "/?tour=0#"))
+    until(other, "live.model.scene && live.model.scene.lattice === 'hexagonal'")
+    settle(other)
+    np.testing.assert_array_equal(lines(other)[0], lines(shown)[0])
+    other.context.close()
 
 
 def test_paths_of_k_0_and_k_1_are_shown_on_request(shown: Page):
@@ -216,7 +311,7 @@ def test_the_transient_plays_to_the_steady_field_and_ends_at_an_edit(shown: Page
 
 
 def test_actions_without_an_edit_keep_history_frames_and_transient(shown: Page):
-    shown.select_option("#examples", "ring")
+    open_example(shown, "ring")
     until(shown, "live.model.scene.title === 'Ring'")
     settle(shown)
     past, frames = shown.evaluate("live.model.past.length"), shown.evaluate("live.frames.length")
@@ -230,7 +325,8 @@ def test_actions_without_an_edit_keep_history_frames_and_transient(shown: Page):
     shown.locator("#k").evaluate(
         "(k) => { k.dispatchEvent(new Event('input')); k.dispatchEvent(new Event('change')); }"
     )
-    shown.evaluate("document.getElementById('examples').dispatchEvent(new Event('change'))")  # the same example again
+    shown.locator("#examples").click()
+    shown.locator("#choosing [data-example=ring]").click()  # the same example again
     shown.wait_for_timeout(500)
     assert shown.locator("#film").is_visible()
     assert shown.evaluate("live.model.past.length") == past
@@ -238,25 +334,74 @@ def test_actions_without_an_edit_keep_history_frames_and_transient(shown: Page):
     assert shown.evaluate("live.model.before === null")
 
 
-def test_the_example_menu_shows_the_current_scene_and_its_changes(shown: Page):
-    chosen = "document.getElementById('examples').selectedOptions[0].textContent"
-    assert shown.evaluate(chosen) == "Drawing"
-    shown.select_option("#examples", "chair")
-    until(shown, "live.model.scene.world !== null")
+def test_the_title_names_the_example_and_its_changes(shown: Page):
+    title = "document.getElementById('title').textContent"
+    assert shown.evaluate(title) == "Drawing"
+    assert shown.locator("#example").is_hidden()
+    open_example(shown, "chair")
     settle(shown)
-    assert shown.evaluate(chosen) == "Problem 2: a chair"
-    shown.select_option("#examples", "rooms")
-    until(shown, "live.model.scene.title === 'Rooms'")
+    assert shown.evaluate(title) == "Problem 2: a chair"
+    assert "drag the seat" in shown.inner_text("#about")
+    open_example(shown, "rooms")
     settle(shown)
-    assert (shown.evaluate(chosen), shown.evaluate("live.model.scene.k")) == ("Rooms", 1)
+    assert (shown.evaluate(title), shown.evaluate("live.model.scene.k")) == ("Rooms", 1)
     assert "all 3 paths reach a goal" in shown.inner_text("#quality")
     drag(shown, [(10, 70), (12, 70)])
-    until(shown, f"{chosen} === 'Rooms (changed)'")
+    until(shown, f"{title} === 'Rooms (changed)'")
+    assert shown.inner_text("#example-heading") == "In the example before your changes"
     shown.get_by_role("button", name="Undo").click()
-    until(shown, f"{chosen} === 'Rooms'")
-    shown.get_by_role("button", name="Clear walls").click()
-    until(shown, f"{WALL} === 0")
+    until(shown, f"{title} === 'Rooms'")
+    for earlier in ("Problem 2: a chair", "Drawing"):  # examples are steps of the undo history
+        shown.get_by_role("button", name="Undo").click()
+        until(shown, f"{title} === '{earlier}'")
+    assert shown.locator("#example").is_hidden()
+
+
+def test_clear_walls_is_one_undo_step_and_keeps_goals_starts_and_mud(shown: Page):
+    clear = shown.get_by_role("button", name="Clear walls")
+    assert clear.is_disabled()  # the drawing has no walls
+    open_example(shown, "rooms")
+    shown.get_by_role("button", name="Mud").click()
+    drag(shown, [(20, 60), (30, 60)])
     settle(shown)
+    before, scene = kept(shown), shown.evaluate("live.model.scene")
+    clear.click()
+    settle(shown)
+    after = shown.evaluate("live.model.scene")
+    assert shown.evaluate(WALL) == 0 and clear.is_disabled()
+    assert (after["goals"], after["starts"]) == (scene["goals"], scene["starts"])
+    assert shown.evaluate("live.model.scene.cells.some((byte) => byte >> 2)")
+    shown.get_by_role("button", name="Undo").click()
+    settle(shown)
+    assert kept(shown) == before and clear.is_enabled()
+
+
+def test_the_keyboard_opens_an_example_and_the_menu_marks_the_current_one(shown: Page):
+    shown.locator("#examples").focus()
+    shown.keyboard.press("Enter")
+    until(shown, "document.getElementById('choosing').open")
+    dialog = shown.get_by_role("dialog", name="Examples")
+    assert dialog.get_by_role("region").count() == 4  # groups with accessible names
+    focused = "document.activeElement.dataset.example"
+    assert shown.evaluate(focused) == example_names(shown)[0]
+    shown.keyboard.press("Tab")
+    second = shown.evaluate(focused)
+    assert second == example_names(shown)[1]
+    shown.keyboard.press("Enter")
+    until(shown, f"live.model.scene.title === '{title_of(shown, second)}'")
+    settle(shown)
+    shown.locator("#examples").click()
+    current = dialog.locator("[aria-current=true]")
+    assert current.get_attribute("data-example") == second == shown.evaluate(focused)
+    for entry in shown.evaluate("live.panel.examples"):
+        assert dialog.get_by_role("button", name=f"{entry['title']} {entry['about']}", exact=True).count() == 1
+    shown.keyboard.press("Escape")
+    assert shown.evaluate("document.activeElement.id") == "examples"
+
+
+def title_of(page: Page, name: str) -> str:
+    """Return the title of an example."""
+    return str(next(entry["title"] for entry in page.evaluate("live.panel.examples") if entry["name"] == name))
 
 
 def test_angles_and_greek_axis_names_are_typeset(shown: Page):
@@ -287,9 +432,9 @@ def test_the_cell_card_does_not_cover_the_grid(shown: Page):
 
 
 def test_a_link_opens_the_same_drawing_and_paths_in_another_browser(served: LivePage, chromium: Browser, shown: Page):
-    shown.select_option("#examples", "ring")
+    open_example(shown, "ring")
     until(shown, "live.model.scene.title === 'Ring'")
-    flaws = "broken: [[3, 4, 0], [5, 5, 1]], wall: 2000, chip: { mismatch: 0.1, seed: 7 }"
+    flaws = "broken: [[3, 4, 0], [5, 5, 1]], wall: 2000, leak: 0.25, chip: { mismatch: 0.1, seed: 7 }"
     shown.evaluate(f"live.model.replace({{ ...live.model.scene, {flaws} }})")
     settle(shown)
     other = chromium.new_context().new_page()
@@ -312,12 +457,10 @@ def test_the_drawing_survives_a_reload_of_the_page(shown: Page):
 
 
 def test_every_example_opens_with_a_certified_path(shown: Page):
-    names = shown.locator("#examples option").evaluate_all("options => options.map(o => o.value).filter(Boolean)")
+    names = example_names(shown)
     assert "rooms" in names
     for name in names:
-        past = shown.evaluate("live.model.past.length")
-        shown.select_option("#examples", name)
-        until(shown, f"live.model.past.length > {past}")
+        open_example(shown, name)
         settle(shown)
         assert "✓ certified" in shown.inner_text("#quality"), name
 
@@ -451,7 +594,7 @@ def test_a_read_only_page_rejects_strokes(chromium: Browser):
 
 
 def test_workspace_obstacles_of_an_arm_are_dragged_by_mouse(shown: Page):
-    shown.select_option("#examples", "chair")
+    open_example(shown, "chair")
     until(shown, "live.model.scene.world !== null && live.world.poses.length > 1")
     settle(shown)
     walls, first = shown.evaluate(WALL), kept(shown)
@@ -478,7 +621,7 @@ def test_workspace_obstacles_of_an_arm_are_dragged_by_mouse(shown: Page):
 
 
 def test_late_cells_of_an_arm_do_not_change_a_newer_scene(shown: Page):
-    shown.select_option("#examples", "chair")
+    open_example(shown, "chair")
     until(shown, "live.model.scene.world !== null && live.world.poses.length > 1")
     settle(shown)
     left, now = shown.evaluate(
@@ -498,7 +641,7 @@ def test_late_cells_of_an_arm_do_not_change_a_newer_scene(shown: Page):
 
 
 def test_workspace_obstacles_of_an_arm_are_moved_by_keys(shown: Page):
-    shown.select_option("#examples", "chair")
+    open_example(shown, "chair")
     until(shown, "live.model.scene.world !== null && live.world.poses.length > 1")
     settle(shown)
     lower = "live.model.scene.world.obstacle[0].lower[1]"

@@ -1,7 +1,7 @@
 """Drawings of the live page, compared with their scenes, saved files and messages, and with ``rg.plan``.
 
-Tests internals: `resgrid.live_page.drawing`, `resgrid.live_page.frames`, `resgrid.live_page.messages`,
-`resgrid.live_page.opening`, `resgrid.live_page.saving`, `resgrid.live_page.solving`.
+Tests internals: `resgrid.live_page.arms`, `resgrid.live_page.drawing`, `resgrid.live_page.examples`,
+`resgrid.live_page.frames`, `resgrid.live_page.messages`, `resgrid.live_page.saving`, `resgrid.live_page.solving`.
 """
 
 from __future__ import annotations
@@ -16,12 +16,13 @@ from hypothesis import given, strategies as st
 from hypothesis.extra.numpy import arrays
 
 import resgrid as rg
+from resgrid.live_page.arms import poses
 from resgrid.live_page.drawing import Drawing, blank, boxes, drawing_of, drawing_of_space, is_same_circuit
-from resgrid.live_page.frames import describe
+from resgrid.live_page.examples import examples, open_example
+from resgrid.live_page.frames import NO_VALUE, describe, picture_of
 from resgrid.live_page.messages import DrawingHead, read_drawing, write_drawing
-from resgrid.live_page.opening import examples, open_example
 from resgrid.live_page.saving import save
-from resgrid.live_page.solving import WarmFields, solve_drawing
+from resgrid.live_page.solving import WarmFields, solve_drawing, without_imperfections
 
 
 def assert_same_drawing(one: Drawing, other: Drawing) -> None:
@@ -54,7 +55,7 @@ def test_the_page_and_rg_plan_return_the_same_paths(name, tmp_path):
     scene = open_example(name)
     if scene.drive == "start":
         return
-    drawing = replace(drawing_of(scene), k=0.0)
+    drawing = without_imperfections(replace(drawing_of(scene), k=0.0))
     head, body = write_drawing(drawing)
     shown = solve_drawing(read_drawing(DrawingHead.model_validate(head["drawing"]), body), exact=True).paths
     file = tmp_path / "scene.toml"
@@ -81,17 +82,12 @@ def test_goal_cells_that_stay_keep_their_goal_points():
     )
 
 
-def test_examples_have_two_axes():
-    assert {"rooms", "lesson", "ring"} <= set(examples())
-    assert "voxels" not in examples()
-
-
 @given(arrays(np.uint8, (7, 5), elements=st.integers(0, 2)), arrays(np.uint8, (7, 5), elements=st.integers(0, 2)))
 def test_random_drawings_survive_messages_and_scenes(cell, level):
     axes = (rg.Axis("x", -1.0, 2.5, 7, unit="m"), rg.Axis("a", 0.0, 6.0, 5, periodic=True, unit="rad"))
     starts = np.array([[0.1, 0.2]])
     palette = (1.0, 0.1, 3.0)
-    drawing = Drawing("any", axes, ("open", "periodic"), cell, level, palette, starts, k=0.25, wall=2e4)
+    drawing = Drawing("any", axes, ("open", "periodic"), cell, level, palette, starts, k=0.25, wall=2e4, leak=0.3)
     head, body = write_drawing(drawing)
     assert_same_drawing(read_drawing(DrawingHead.model_validate(head["drawing"]), body), drawing)
     if (cell == 2).any():
@@ -99,14 +95,18 @@ def test_random_drawings_survive_messages_and_scenes(cell, level):
         np.testing.assert_array_equal(again.cell, cell)
         costs = np.array(palette)
         np.testing.assert_array_equal(np.array(again.palette)[again.level], costs[level])
-        assert (again.k, again.wall, again.edge) == (0.25, 2e4, ("open", "periodic"))
+        assert (again.k, again.wall, again.leak, again.edge) == (0.25, 2e4, 0.3, ("open", "periodic"))
 
 
 def test_the_path_of_a_drawing_equals_the_path_of_its_scene():
     drawing = blank(24)
     cell = drawing.cell.copy()
     cell[10, 3:20] = 1
-    for changes in ({}, {"k": 0.0}, {"k": 0.5}, {"wall": 3e4}, {"driven": True, "k": 0.0}):
+    for changes in (
+        {}, {"k": 0.0}, {"k": 0.5}, {"wall": 3e4}, {"driven": True, "k": 0.0},
+        {"leak": 0.04}, {"leak": 0.04, "k": 0.0}, {"leak": 0.04, "k": 0.5}, {"leak": 0.04, "wall": 3e4},
+        {"lattice": "square8"}, {"lattice": "hexagonal", "k": 0.0}, {"lattice": "hexagonal", "k": 0.5},
+    ):  # fmt: skip
         changed = replace(drawing, cell=cell, **changes)
         frame = solve_drawing(changed, exact=True)
         scene = changed.scene()
@@ -125,9 +125,12 @@ def test_an_inexact_frame_is_marked_as_not_exact():
     assert hasty.field.space.shape == (48, 48)
 
 
-@pytest.mark.parametrize(("k", "wall"), [(0.0, 0.0), (0.5, 0.0), (1.0, 0.0), (1.0, 1e4)])
-def test_warm_started_fields_equal_those_of_the_circuit(k, wall):
-    drawing, warm = replace(blank(64), k=k, wall=wall), WarmFields()
+@pytest.mark.parametrize(
+    ("k", "wall", "leak"),
+    [(0.0, 0.0, 0.0), (0.5, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 1e4, 0.0), (0.0, 0.0, 1e-3), (1.0, 0.0, 1e-3)],
+)
+def test_warm_started_fields_equal_those_of_the_circuit(k, wall, leak):
+    drawing, warm = replace(blank(64), k=k, wall=wall, leak=leak), WarmFields()
     cell = drawing.cell.copy()
     for column in range(20, 40, 4):
         cell[column : column + 4, 30] = 1
@@ -139,7 +142,7 @@ def test_warm_started_fields_equal_those_of_the_circuit(k, wall):
         head, body = describe(frame)
         expected, _ = describe(plain)
         assert [len(part) for part in body][1:] == [2 * cell.size, 4 * cell.size, cell.size]
-        assert head["scale"]["kind"] == expected["scale"]["kind"] == ("decades" if k else "height")
+        assert head["scale"]["kind"] == expected["scale"]["kind"] == ("decades" if k or leak else "height")
 
 
 def test_a_flat_dirichlet_half_falls_back_to_the_plain_solver():
@@ -212,7 +215,7 @@ def test_is_same_circuit_ignores_titles_starts_and_unused_costs() -> None:
     ]
     other = [
         replace(first, cell=walled), replace(first, k=0.5), replace(first, wall=10.0),
-        replace(first, broken=((2, 2, 0),)),
+        replace(first, broken=((2, 2, 0),)), replace(first, leak=0.1), replace(first, lattice="square8"),
         replace(first, chip={"resistance": 5.0}), replace(first, level=first.level + np.uint8(1), palette=(1.0, 0.1)),
         blank(13), replace(first, edge=("open", "obstacle")),
     ]  # fmt: skip
@@ -220,3 +223,34 @@ def test_is_same_circuit_ignores_titles_starts_and_unused_costs() -> None:
     assert not any(is_same_circuit(first, drawing) for drawing in other)
     driven = replace(first, driven=True, k=0.0)
     assert not is_same_circuit(driven, replace(driven, starts=driven.starts + 1.0))
+
+
+def test_a_robot_from_a_urdf_file_is_drawn_as_its_cells() -> None:
+    """Only an arm of two links has a workspace on the page."""
+    scene = rg.read_scene("scara")
+    drawing = drawing_of(scene)
+    assert drawing.world is None
+    np.testing.assert_array_equal(drawing.cell, rg.build_space(scene).cell)
+    frame = solve_drawing(drawing, exact=True)
+    assert poses(frame) == [] and [path.outcome for path in frame.paths] == ["reached"] * 2
+
+
+@pytest.mark.parametrize("k", [0.0, 0.5, 1.0])
+def test_a_leak_is_drawn_as_decades_of_the_drop(k: float) -> None:
+    """Far from the goal of a corridor with open sides, the drop falls by a factor of e per screening length."""
+    axes = (rg.Axis("x", 0.0, 40.0, 160, unit="m"), rg.Axis("y", 0.0, 1.0, 4, unit="m"))
+    cell = np.zeros((160, 4), np.uint8)
+    cell[0] = rg.Cell.GOAL
+    drawing = Drawing("", axes, ("open", "open"), cell, 0 * cell, (1.0,), np.array([[39.0, 0.5]]), k=k, leak=0.25)
+    frame = solve_drawing(drawing, exact=True)
+    scale, picture = picture_of(frame)
+    assert scale["kind"] == "decades" and frame.paths[0].outcome == "reached"
+    decades = scale["low"] + picture / (NO_VALUE - 1) * (scale["high"] - scale["low"])
+    assert decades[20, 0] - decades[60, 0] == pytest.approx(10.0 / 2.0 / np.log(10.0), rel=0.01)  # 10 m, length 2 m
+
+
+def test_the_circuit_of_a_small_grid_states_the_resistance_of_its_leaks() -> None:
+    for drawing, ohms in ((replace(blank(8), leak=0.04), 10e3 / 0.04), (blank(8), None)):
+        head, _ = describe(solve_drawing(drawing, exact=True))
+        assert head["circuit"]["leak"] == (None if ohms is None else pytest.approx(ohms))
+        assert len(head["circuit"]["resistors"]) == 2 * 7 * 8 + 4 * 8

@@ -1,6 +1,6 @@
 """Links that contain a whole scene: reading them back, damaged links, and links as arguments of the command line.
 
-Tests internals: `resgrid.live_page.drawing`, `resgrid.live_page.opening`, `resgrid.live_page.solving`,
+Tests internals: `resgrid.live_page.drawing`, `resgrid.live_page.examples`, `resgrid.live_page.solving`,
 `resgrid.scene.overrides`, `resgrid.scene.reading`.
 """
 
@@ -17,7 +17,7 @@ from support.cli import answer, call
 
 import resgrid as rg
 from resgrid.live_page.drawing import blank, drawing_of
-from resgrid.live_page.opening import open_example
+from resgrid.live_page.examples import open_example
 from resgrid.live_page.solving import solve_drawing
 from resgrid.scene.overrides import document_of
 from resgrid.scene.reading import is_link, read_link

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 from playwright.sync_api import Browser, Page
-from support.pages import drag, point_on, settle, until
+from support.pages import drag, example_names, open_example, point_on, settle, until
 
 from resgrid.live_page import LivePage
 
@@ -55,11 +55,9 @@ OVERLAPS = """() => {
 }"""
 
 
-def open_example(name: str) -> Callable[[Page], None]:
+def show_example(name: str) -> Callable[[Page], None]:
     def bring(page: Page) -> None:
-        past = page.evaluate("live.model.past.length")
-        page.select_option("#examples", name)
-        until(page, f"live.model.past.length > {past}")
+        open_example(page, name)
         settle(page)
 
     return bring
@@ -89,7 +87,7 @@ def hover(page: Page) -> None:
 
 
 def film(page: Page) -> None:
-    open_example("lesson")(page)  # the transient of a small grid shows the same controls in a tenth of the time
+    show_example("lesson")(page)  # the transient of a small grid shows the same controls in a tenth of the time
     page.get_by_role("button", name="Show transient").click()
     until(page, "document.getElementById('moment').value === document.getElementById('moment').max")
 
@@ -128,12 +126,23 @@ def keys(page: Page) -> None:
     settle(page)
 
 
+def leak(page: Page) -> None:
+    page.locator("#leak").fill("40")
+    settle(page)
+
+
+def lattice(page: Page) -> None:
+    page.select_option("#lattice", "hexagonal")
+    settle(page)
+
+
 TOOLS = ("Wall", "Erase", "Box", "Fill", "Mud", "Goal", "Start", "Break", "Look")
 STATES: dict[str, Callable[[Page], None]] = {
     "first": settle, "tour": press_button("Help"),
+    "examples": press_button("Examples"),
     "new": press_button("New"), "save": press_button("Save"), "link": press_button("Link"), "hover": hover,
     "film": film, "complaint": complaint, "scrolled": scrolled, "arrows": arrows, "flawed": flawed, "keys": keys,
-    "ends": ends,
+    "ends": ends, "leak": leak, "lattice": lattice,
     **{f"tool-{label.lower()}": use_tool(label) for label in TOOLS},
 }  # fmt: skip
 
@@ -162,9 +171,9 @@ def test_controls_and_texts_neither_overlap_nor_exceed_the_screen(
     page = context.new_page()
     page.goto(f"{served.url}?tour=0&theme={theme}")
     settle(page)
-    names = page.locator("#examples option").evaluate_all("options => options.map(o => o.value).filter(Boolean)")
+    names = example_names(page)
     wrong = {}
-    for name, bring in (STATES | {f"example-{name}": open_example(name) for name in names}).items():
+    for name, bring in (STATES | {f"example-{name}": show_example(name) for name in names}).items():
         page.mouse.move(1, 1)
         page.evaluate(RESET)
         bring(page)

@@ -97,12 +97,14 @@ def press_button(page: Page, rng: random.Random) -> None:
 
 def choose(page: Page, rng: random.Random) -> None:
     """Select an entry of a list."""
-    page.evaluate(_CHOOSE, ["select:not(#examples)", rng.random(), rng.random()])
+    page.evaluate(_CHOOSE, ["select", rng.random(), rng.random()])
 
 
 def open_example(page: Page, rng: random.Random) -> None:
     """Open an example."""
-    page.evaluate(_CHOOSE, ["#examples", 0.0, rng.random()])
+    if not page.evaluate("Boolean(document.querySelector('dialog[open]'))"):
+        page.evaluate("document.getElementById('examples').click()")
+    press_button(page, rng)
 
 
 def write_number(page: Page, rng: random.Random) -> None:

@@ -80,6 +80,19 @@ def settle(page: Page) -> None:
     until(page, "live.model.scene && live.solved === live.model.scene && live.frames.at(-1).exact")
 
 
+def open_example(page: Page, name: str) -> None:
+    """Open an example by its button in the menu, and wait until it is shown."""
+    past = page.evaluate("live.model.past.length")
+    page.locator("#examples").click()
+    page.locator(f"#choosing [data-example={name}]").click()
+    until(page, f"live.model.past.length > {past}")
+
+
+def example_names(page: Page) -> list[str]:
+    """Return the names of the examples in the menu."""
+    return [example["name"] for example in page.evaluate("live.panel.examples")]
+
+
 def lines(page: Page) -> list[np.ndarray]:
     """Return the paths on a page in cells, each (n, 2)."""
     shown = page.evaluate("live.view.frame.lines.map((line) => Array.from(line))")

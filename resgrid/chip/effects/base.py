@@ -15,7 +15,8 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.core.netlist import GROUND, CellMap, Netlist, add_elements, select_elements
+from resgrid.core.cell_map import CellMap
+from resgrid.core.netlist import GROUND, Netlist, add_elements, select_elements
 from resgrid.core.random_sites import Seed, seed_of
 from resgrid.core.regions import label_components
 from resgrid.errors import InputError

@@ -8,6 +8,8 @@ import { cellOf, isWall, numberOf, sizeOf } from "./model.js";
 
 const ROOMY = 44;
 const ZIGZAG = new Path2D("M0 0H.28L.317-.09L.39.09L.463-.09L.537.09L.61-.09L.683.09L.72 0H1");
+const LEAK = new Path2D("M0 0L-.09-.09L-.15-.07L-.13-.15L-.19-.13L-.17-.21L-.23-.19L-.3-.3M-.37-.26L-.26-.37");
+const SLIM = new Path2D("M0 0H.36L.38-.05L.42.05L.46-.05L.5.05L.54-.05L.58.05L.62-.05L.64 0H1");
 const FED = new Path2D("M0 0L-.22-.22M-.022-.022L-.11-.044M-.022-.022L-.044-.11");
 const SUPPLY = new Path2D("M7 0V7A7 7 0 0 1 7 21A7 7 0 0 1 7 7M7 21V28M0 28H14M2.5 31H11.5M5 34H9M4.5 11.5H9.5M7 9V14");
 
@@ -32,11 +34,30 @@ function ends(scene, [axis, i, j], isRail) {
   });
 }
 
-/** @param {Circuit} circuit */
-const valuesOf = ({ resistors }) => [...new Set(resistors.map((resistor) => resistor[3]))];
+/** Return the different resistances between nodes, without contacts and leaks. @param {Circuit} circuit */
+const valuesOf = ({ resistors, segments }) => [...new Set(segments ? segments.map((one) => Number(one[4].toPrecision(6))) : resistors.map((one) => one[3]))];
+
+/** Draw the resistors of another lattice than square, with a short one at every node with contacts to the obstacle rail.
+ * @param {View} view @param {Circuit} circuit @param {string} ink */
+function paintLattice(view, { segments = [], contacts = [], nodes = [], fed }, ink) {
+  const { context, ratio, matrix } = view, wires = new Path2D();
+  for (const [a, b, c, d] of segments) wires.addPath(SLIM, matrix.multiply(new DOMMatrix([c - a, d - b, b - d, c - a, a, b])));
+  const turn = view.scene?.lattice === "hexagonal" ? 45 : 22.5; // between the resistors to neighbours
+  for (const [x, y] of contacts) wires.addPath(LEAK, matrix.translate(x, y).rotate(turn));
+  for (const [x, y] of nodes) {
+    view.disc([x, y], 2.5 * ratio);
+    view.fill(ink);
+    if (fed !== null) wires.addPath(FED, matrix.translate(x, y));
+  }
+  context.strokeStyle = ink;
+  context.lineWidth = Math.max(1, ratio);
+  context.setLineDash([]);
+  context.stroke(wires);
+}
 
 /** @param {View} view @param {Circuit} circuit @param {string} ink */
 export function paintCircuit(view, circuit, ink) {
+  if (circuit.segments) return paintLattice(view, circuit, ink);
   const scene = /** @type {Scene} */ (view.scene), { context, ratio, matrix } = view, [nx, ny] = sizeOf(scene);
   const goals = new Set(scene.goals.flat()), wires = new Path2D(), isRoomy = matrix.a > ROOMY * ratio;
   const isRail = (/** @type {number[]} */ cell) => goals.has(numberOf(scene, cell)) || isWall(scene, cell);
@@ -48,7 +69,7 @@ export function paintCircuit(view, circuit, ink) {
   for (const [i, j] of cells.filter((cell) => !isRail(cell))) {
     view.disc([i + 0.5, j + 0.5], 2.5 * ratio);
     view.fill(ink);
-    if (circuit.fed !== null) wires.addPath(FED, matrix.translate(i + 0.5, j + 0.5));
+    if (circuit.fed !== null || circuit.leak !== null) wires.addPath(circuit.fed === null ? LEAK : FED, matrix.translate(i + 0.5, j + 0.5));
   }
   context.strokeStyle = ink;
   context.lineWidth = Math.max(1, 1.2 * ratio);
@@ -64,9 +85,11 @@ export function paintCircuit(view, circuit, ink) {
 /** Draw the supplies of the rails with voltage and current next to the grid. @param {View} view @param {Circuit} circuit
  * @param {ReturnType<typeof import("./pictures.js").inks>} ink @param {{goal: string, start: string}} colours */
 export function paintSupplies(view, circuit, ink, colours) {
-  const { context, ratio } = view, { supplies, fed } = circuit, values = valuesOf(circuit), [x, y] = view.toPixels(sizeOf(/** @type {Scene} */ (view.scene)));
-  const notes = [values.length === 1 ? `R = ${engineering(values[0], "Ω", 3)}` : "R: see symbols"];
+  const { context, ratio } = view, { supplies, fed, leak } = circuit, values = valuesOf(circuit), [x, y] = view.toPixels(sizeOf(/** @type {Scene} */ (view.scene)));
+  const notes = values.length <= (circuit.segments ? 2 : 1) ? values.map((value) => `R = ${engineering(value, "Ω", 3)}`) : [circuit.segments ? "R: under the pointer" : "R: see symbols"];
+  if (circuit.contacts?.length) notes.push("↗ to the obstacles");
   if (fed !== null) notes.push(`↗ ${engineering(fed, "A", 3)} each`);
+  if (leak !== null) notes.push(`↗ leak ${engineering(leak, "Ω", 3)}`);
   const say = (/** @type {string} */ text, /** @type {number} */ left, /** @type {number} */ top) => (
     view.write(text, x + left * ratio, y + top * ratio, ink.text, "left", 10));
   notes.forEach((note, n) => say(note, 14, 8 + 14 * n));
@@ -91,6 +114,23 @@ export function resistorRows([axis, i, j, ohms, volts, amperes]) {
     ["resistor", `${axis ? `${i}, ${j - 1}` : `${i - 1}, ${j}`} – ${i}, ${j}`], ["R", engineering(ohms, "Ω")],
     ["V across it", engineering(Math.abs(volts), "V")], ["I", engineering(Math.abs(amperes), "A")], ["", way],
   ];
+}
+
+/** Return the properties of a resistor of another lattice than square, as rows. @param {number[]} segment @returns {[string, string][]} */
+export function segmentRows([a, b, c, d, ohms, volts, amperes]) {
+  const place = (/** @type {number} */ x, /** @type {number} */ y) => `${Number(x.toFixed(2))}, ${Number(y.toFixed(2))}`;
+  const [from, to] = amperes < 0 ? [place(c, d), place(a, b)] : [place(a, b), place(c, d)];
+  return [
+    ["resistor", `${from} → ${to}`], ["R", engineering(ohms, "Ω")],
+    ["V across it", engineering(Math.abs(volts), "V")], ["I", engineering(Math.abs(amperes), "A")],
+  ];
+}
+
+/** Return the resistor of another lattice than square whose middle third is under a point in cells. @param {Circuit} circuit @param {number[]} point */
+export function segmentAt({ segments = [] }, [x, y]) {
+  const away = (/** @type {number[]} */ [a, b, c, d]) => Math.hypot((a + c) / 2 - x, (b + d) / 2 - y) / Math.hypot(c - a, d - b);
+  const nearest = segments.reduce((/** @type {number[] | null} */ best, one) => (!best || away(one) < away(best) ? one : best), null);
+  return nearest && away(nearest) < 0.17 ? nearest : undefined;
 }
 
 /** Return the resistor under a point in cells. @param {Circuit} circuit @param {number[]} face that is nearest @param {number[]} point */

@@ -3,8 +3,11 @@
 /**
  * @typedef {{outcome: string | null, points: number, goal?: number, cells?: number, length?: number,
  *   clearance?: number | null, message?: string}} Path
- * @typedef {{resistors: number[][], supplies: {rail: string, volts: number, amperes: number}[], fed: number | null}} Circuit
- *   resistors: axis, i, j, ohms, volts and amperes upwards, across the lower face of cell (i, j)
+ * @typedef {{resistors: number[][], supplies: {rail: string, volts: number, amperes: number}[], fed: number | null, leak: number | null,
+ *   segments?: number[][], contacts?: number[][], nodes?: number[][]}} Circuit
+ *   segments: resistors of other lattices than square, with x and y of both ends in cells, ohms, volts, and amperes from the first
+ *   end; contacts: x and y of nodes with contacts to the obstacle rail, and their ohms; nodes: x and y of all free nodes;
+ *   leak: median resistance of the leaks of the nodes, in ohms; resistors: axis, i, j, ohms, volts and amperes upwards, across the lower face of cell (i, j)
  * @typedef {object} Frame
  * @property {boolean} exact
  * @property {Path[]} paths

@@ -3,11 +3,13 @@
 export const HTML = `
 <header>
   <h1>resgrid</h1>
-  <label class="examples">Scene <select id="examples"></select></label>
+  <span id="title"></span>
   <span class="buttons">
+    <button id="examples" title="Open an example; the drawing stays in the undo history" aria-haspopup="dialog">Examples</button>
     <button id="undo" title="Undo (Ctrl+Z)" aria-label="Undo">&#8630;</button>
     <button id="redo" title="Redo (Ctrl+Shift+Z)" aria-label="Redo">&#8631;</button>
     <button id="new" title="Start with an empty grid">New</button>
+    <button id="clear" title="Remove all drawn obstacles; keep goals, starts and mud">Clear walls</button>
     <button id="open" title="Open a scene or a map, or drop files on the page">Open</button>
     <button id="save" title="Save a scene, a picture, a table or a deck">Save</button>
     <button id="share" title="Show a link that contains the scene">Link</button>
@@ -34,6 +36,7 @@ export const HTML = `
   <div id="card" hidden></div>
 </main>
 <dialog id="tour"></dialog>
+<dialog id="choosing" aria-label="Examples"></dialog>
 <dialog id="saving"></dialog>
 <dialog id="linking"></dialog>
 <div id="toast" role="alert" hidden></div>`;

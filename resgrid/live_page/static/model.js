@@ -10,6 +10,8 @@
  * @property {number[][]} starts in axis units
  * @property {number} k
  * @property {number} wall ohms
+ * @property {string} [lattice] square, square8 or hexagonal
+ * @property {number} [leak] to the obstacle rail, in 1 / (unit of the axes)^2
  * @property {boolean} driven
  * @property {object} chip
  * @property {number[][]} broken open resistors, as cell and axis: the resistor at the cell's lower face

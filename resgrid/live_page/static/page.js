@@ -1,11 +1,12 @@
 // The page: connects the scene, the connection to the server, the canvas and the controls.
 
-import { resistorAt, resistorRows } from "./circuit.js";
+import { resistorAt, resistorRows, segmentAt, segmentRows } from "./circuit.js";
 import { colours, setColours } from "./colours.js";
+import { openExamples } from "./examples.js";
 import { contentsOf, documentIn, openLinking, openNew, openSaving } from "./files.js";
 import { readFrame, readLines } from "./frame.js";
 import { HTML, make, openTour, partsOf } from "./layout.js";
-import { insideOf, keepScene, keptScene, Model, readScene, sizeOf } from "./model.js";
+import { insideOf, keepScene, keptScene, Model, OBSTACLE, readScene, sizeOf } from "./model.js";
 import { momentRows, Panel, rowsOf, verdictOf } from "./panel.js";
 import { Settling } from "./settling.js";
 import { faceAt } from "./shapes.js";
@@ -20,7 +21,7 @@ import { World } from "./world.js";
 
 const KEPT = "resgrid drawing", THEME = "resgrid theme", SEEN = "resgrid tour";
 const SLOW_MS = 700, KEEP_MS = 400, TOAST_MS = 7000, MOST_BYTES = 5e6;
-const DRAWN = ["cells", "palette", "goals", "starts", "wall", "driven", "edge"];
+const DRAWN = ["cells", "palette", "goals", "starts", "wall", "leak", "lattice", "driven", "edge"];
 /** Properties of a scene on which comparison paths depend. @type {Record<string, string[]>} */
 const SAME = { ideal: [...DRAWN, "k"], "k = 0": [...DRAWN, "chip", "broken"], "k = 1": [...DRAWN, "chip", "broken"] };
 
@@ -32,7 +33,7 @@ export class Page {
   #isClosed = false;
   #keeping = 0;
   #hiding = 0;
-  /** The example that was opened last. @type {{name: string, scene: Scene} | null} */ #opened = null;
+  /** The scene of the example that was opened last, or with which the page began. @type {Scene | null} */ #opened = null;
   /** The point under the pointer, in cells. @type {number[] | null} */ #hovered = null;
   #solve = newest(() => this.#askField());
   #probe = newest(() => this.#askCell());
@@ -95,6 +96,8 @@ export class Page {
       undo: () => model.step("past"),
       redo: () => model.step("future"),
       new: () => openNew(parts, model),
+      clear: () => model.replace({ cells: this.#scene.cells.map((byte) => byte & ~OBSTACLE) }),
+      examples: () => openExamples(parts, this.panel.examples, this.#scene.title, (name) => this.#openExample(name)),
       open: () => input("file").click(),
       save: () => openSaving(parts, wire, this.#scene, complain),
       share: () => openLinking(parts, wire, this.#scene, this.about.address).catch(complain),
@@ -107,10 +110,6 @@ export class Page {
       },
     };
     for (const [id, click] of Object.entries(clicks)) get(id).addEventListener("click", click);
-    input("examples").addEventListener("change", () => {
-      const { value } = input("examples");
-      if (value) this.#openExample(value);
-    });
     input("file").addEventListener("change", () => {
       this.#openFiles(input("file").files ?? []);
       input("file").value = "";
@@ -195,10 +194,10 @@ export class Page {
     if (!tools.canDraw) tools.choose("look");
     this.root.classList.toggle("reading", !tools.canDraw);
     this.root.classList.toggle("bare", switches.get("panel") === "0");
-    const titles = Object.entries(/** @type {Record<string, string>} */ (head.hello.examples));
-    get("examples").replaceChildren(new Option("", ""), make("optgroup", { label: "Examples" }, ...titles.map(([name, title]) => new Option(title, name))));
-    for (const id of ["examples", "open", "new", "undo", "redo"]) input(id).disabled = !tools.canDraw;
+    this.panel.examples = head.hello.examples;
+    for (const id of ["examples", "open", "new", "clear", "undo", "redo"]) input(id).disabled = !tools.canDraw;
     this.#tell("busy", "computing the first field …");
+    if (this.panel.examples.some(({ title }) => title === first.title)) this.#opened = first;
     model.reset((this.#isReading ? null : this.#kept()) ?? first);
     await this.follow(fragment);
     if (!shelf.getItem(SEEN) && !switches.has("panel") && switches.get("tour") !== "0") get("help").click();
@@ -217,18 +216,18 @@ export class Page {
     this.#showTitle();
     input("undo").disabled = !model.past.length;
     input("redo").disabled = !model.future.length;
+    input("clear").disabled = !this.tools.canDraw || !scene.cells.some((byte) => byte & OBSTACLE);
     this.#solve();
     if (settled) this.#keepSoon();
   }
 
-  /** Show the example, or the title of the scene, in the chooser. */
+  /** Show the title of the scene, and whether the example that was opened last has been changed. */
   #showTitle() {
-    const { parts: { input }, model: { scene } } = this, opened = this.#opened;
-    const chooser = /** @type {HTMLSelectElement} */ (/** @type {unknown} */ (input("examples")));
-    if (!scene || !chooser.options.length) return;
-    const isChanged = opened && opened.scene !== scene && opened.scene.title === scene.title;
-    chooser.options[0].textContent = `${scene.title || "Drawing"}${isChanged ? " (changed)" : ""}`;
-    chooser.value = opened?.scene === scene ? opened.name : "";
+    const { parts: { get }, model: { scene } } = this, opened = this.#opened;
+    if (!scene) return;
+    const isChanged = opened && opened !== scene && opened.title === scene.title;
+    get("title").textContent = `${scene.title || "Drawing"}${isChanged ? " (changed)" : ""}`;
+    get("example-heading").textContent = isChanged ? "In the example before your changes" : "In this example";
   }
 
   #keepSoon() {
@@ -321,6 +320,8 @@ export class Page {
     if (moment) return this.#showCard(momentRows(moment, cell, scene), cell, scene);
     const resistor = view.circuit && resistorAt(view.circuit, faceAt(scene, point), point);
     if (resistor) return this.#showCard(resistorRows(resistor), cell, scene);
+    const segment = view.circuit && segmentAt(view.circuit, point);
+    if (segment) return this.#showCard(segmentRows(segment), cell, scene);
     try {
       const [{ probe }] = await wire.ask({ type: "probe", cell });
       world.hovered = this.#hovered && probe.kind !== "obstacle" ? probe.pose : null;
@@ -360,7 +361,7 @@ export class Page {
   /** @param {string} name */
   async #openExample(name) {
     const isOpen = await this.#open({ type: "example", name });
-    if (isOpen) this.#opened = { name, scene: this.#scene };
+    if (isOpen) this.#opened = this.#scene;
     this.#showTitle();
   }
 

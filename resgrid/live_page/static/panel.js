@@ -2,14 +2,21 @@
 
 import { engineering } from "./circuit.js";
 import { make } from "./layout.js";
-import { centreOf, OBSTACLE } from "./model.js";
+import { centreOf } from "./model.js";
 import { placeOf } from "./names.js";
+import { kOf, kSlider, LEAK_STEPS, leakOf, leakOhms, leakSlider, ohmsOf, WALL_STEPS, wallOf, wallSlider } from "./scales.js";
 
 /** @typedef {import("./model.js").Scene} Scene */
 /** @typedef {import("./frame.js").Frame} Frame */
 
-const WALL_STEPS = 60;
 const SHOWN = [["dots", "Current as moving dots"], ["equipotentials", "Equipotentials"], ["arrows", "Arrows"], ["paths", "Paths"], ["circuit", "Circuit, up to 10 × 10 cells"]];
+
+/** Value, text and explanation of every lattice. */
+const LATTICES = [
+  ["square", "4 neighbours", "faces of cells; paths are streamlines"],
+  ["square8", "8 neighbours", "also across corners; paths lead from node to node along the largest current"],
+  ["hexagonal", "6 neighbours", "a triangular lattice; paths lead from node to node along the largest current"],
+];
 
 /** @param {string} id @param {string} label @param {number} max @param {number} [min] */
 const slider = (id, label, max, min = 0) => `<label for="${id}" class="row"><span>${label}</span><output id="${id}-out"></output></label>
@@ -20,6 +27,7 @@ const select = (id, label, options) => `<label class="row">${label} <select id="
 const check = (name, label) => `<label class="check"><input type="checkbox" id="show-${name}">${label}</label>`;
 
 const HTML = `
+  <section id="example" hidden><h2 id="example-heading"></h2><p id="about"></p></section>
   <section><h2>Paths</h2><ul class="paths" id="paths"></ul><span class="note" id="figures"></span></section>
   <section class="editing"><h2>Obstacles</h2>
     ${slider("k", "k, weight of repulsion", 1000)}
@@ -30,9 +38,14 @@ const HTML = `
     ${select("edge", "Border", [["obstacle", "obstacle"], ["open", "open"]])}
     ${select("driven", "Drive", [["", "uniform"], ["start", "the start"]])}
   </section>
+  <section class="editing"><h2>Grid</h2>
+    ${select("lattice", "Lattice", LATTICES)}
+    <span class="note" id="lattice-note"></span>
+    ${slider("leak", "Leak to the obstacle rail", LEAK_STEPS)}
+    <span class="note" id="leak-note"></span>
+  </section>
   <section class="editing"><h2>Brush</h2>
     ${slider("brush", "Width", 15, 1)}
-    <button id="clear" title="Remove all walls; keep goals, starts and mud">Clear walls</button>
     ${select("conductivity", "Conductivity of mud", [["3", "3"], ["0.3", "0.3"], ["0.1", "0.1"], ["0.01", "0.01"]])}
   </section>
   <section class="editing"><h2>Imperfections</h2>
@@ -45,18 +58,23 @@ const HTML = `
   </section>
   <section><h2>Show</h2>${SHOWN.map(([name, label]) => check(name, label)).join("")}</section>`;
 
-/** Return k for a slider position, with fine steps near 1, where the Dirichlet field has its effect. @param {number} t */
-const kOf = (t) => Number((1 - (1 - t / 1000) ** 4).toPrecision(6));
-/** @param {Scene} scene */
-const ohmsOf = ({ chip }) => /** @type {any} */ (chip).resistance ?? 1e4;
-/** Return the wall resistance for a slider position, on a logarithmic scale around the grid's resistance. @param {number} t @param {number} ohms */
-const wallOf = (t, ohms) => (t ? Number((ohms * 10 ** (-3 + (6 * (t - 1)) / (WALL_STEPS - 1))).toPrecision(4)) : 0);
-/** @param {number} wall @param {number} ohms */
-const wallSlider = (wall, ohms) => (wall ? Math.max(1, Math.min(WALL_STEPS, Math.round(1 + ((Math.log10(wall / ohms) + 3) / 6) * (WALL_STEPS - 1)))) : 0);
 /** Return the change of a scene's chip for a mismatch and a seed; without mismatch, both keys are removed. @param {Scene} scene @param {number} sigma @param {number} seed */
 function flawed({ chip }, sigma, seed) {
   const { mismatch, seed: before, ...rest } = /** @type {any} */ (chip);
   return { chip: sigma ? { ...rest, mismatch: sigma, seed } : rest };
+}
+
+/** Return the reasons why controls are disabled, by control; empty texts for enabled ones. @param {Scene} scene @returns {Record<string, string>} */
+function reasonsOf({ driven, leak, lattice = "square", broken, chip }) {
+  const byStart = driven ? "The start drives the grid, and obstacles are open: choose the uniform drive." : "";
+  const needsSquare = lattice === "square" ? "" : "This needs the lattice with 4 neighbours: choose it first.";
+  const isFlawed = broken.length > 0 || "mismatch" in chip;
+  return {
+    k: byStart, wall: byStart, leak: byStart || needsSquare, mismatch: needsSquare, seed: needsSquare, settle: needsSquare,
+    driven: leak ? "The leak drives the grid with open obstacles: set it to none first." : "",
+    lattice: isFlawed ? "Mismatch and open resistors need 4 neighbours: set the mismatch to none and repair the resistors first."
+      : leak ? "The leak needs 4 neighbours: set it to none first." : "",
+  };
 }
 
 /** For every control: change of the scene (write), value from the scene (read), and text next to it (say).
@@ -65,13 +83,22 @@ function flawed({ chip }, sigma, seed) {
 const CONTROLS = {
   k: {
     write: (value) => ({ k: kOf(Number(value)) }),
-    read: ({ k }, value) => (kOf(Number(value)) === k ? value : Math.round(1000 * (1 - (1 - k) ** 0.25))),
+    read: ({ k }, value) => (kOf(Number(value)) === k ? value : kSlider(k)),
     say: ({ k }) => String(k),
   },
   wall: {
     write: (value, scene) => ({ wall: wallOf(Number(value), ohmsOf(scene)) }),
     read: (scene) => wallSlider(scene.wall, ohmsOf(scene)),
     say: ({ wall }) => (wall ? engineering(wall, "Ω") : "none"),
+  },
+  lattice: {
+    write: (lattice) => ({ lattice }),
+    read: ({ lattice = "square" }) => lattice,
+  },
+  leak: {
+    write: (value, scene) => ({ leak: leakOf(Number(value), scene) }),
+    read: (scene, value) => (leakOf(Number(value), scene) === (scene.leak ?? 0) ? value : leakSlider(scene)),
+    say: ({ leak, axes }) => (leak ? `${leak} / ${axes[0].unit || "unit"}²` : "none"),
   },
   edge: {
     write: (rule, { axes }) => ({ edge: axes.map(({ periodic }) => (periodic ? "periodic" : rule)) }),
@@ -93,11 +120,14 @@ const CONTROLS = {
 };
 
 export class Panel {
+  /** Examples in the order of the menu. @type {import("./examples.js").Example[]} */ examples = [];
+
   /** @param {import("./layout.js").Parts} parts @param {import("./model.js").Model} model @param {import("./tools.js").Tools} tools
    * @param {import("./view.js").View} view */
   constructor(parts, model, tools, view) {
     const { get, input } = parts;
     this.parts = parts;
+    this.tools = tools;
     get("panel").innerHTML = HTML;
     for (const [id, { write }] of Object.entries(CONTROLS)) {
       input(id).addEventListener(input(id).type === "number" ? "change" : "input", () => {
@@ -106,9 +136,6 @@ export class Panel {
       });
       input(id).addEventListener("change", () => model.commit());
     }
-    get("clear").addEventListener("click", () => {
-      if (model.scene) model.replace({ cells: model.scene.cells.map((byte) => byte & ~OBSTACLE) });
-    });
     const setBrush = () => {
       tools.brush = Number(input("brush").value);
       get("brush-out").textContent = `${tools.brush} ${tools.brush > 1 ? "cells" : "cell"}`;
@@ -132,13 +159,31 @@ export class Panel {
 
   /** @param {Scene} scene */
   showScene(scene) {
-    const { get, input } = this.parts;
+    const { get, input } = this.parts, example = this.examples.find(({ title }) => title === scene.title);
+    get("example").hidden = !example;
+    get("about").textContent = example?.about ?? "";
     for (const [id, { read, say }] of Object.entries(CONTROLS)) {
       const value = String(read(scene, input(id).value));
       if (input(id).value !== value) input(id).value = value;
       if (say) get(`${id}-out`).textContent = say(scene);
     }
-    input("k").disabled = input("wall").disabled = scene.driven;
+    const { leak, axes: [{ unit }] } = scene, length = leak ? Number((leak ** -0.5).toPrecision(3)) : 0;
+    get("leak-note").textContent = leak
+      ? `screening length ${length} ${unit || "units"}; ${engineering(leakOhms(scene), "Ω", 3)} from every node to the obstacle rail`
+      : "a resistor from every node to the obstacle rail";
+    get("lattice-note").textContent = LATTICES.find(([value]) => value === (scene.lattice ?? "square"))?.[2] ?? "";
+    const reasons = reasonsOf(scene);
+    for (const [id, reason] of Object.entries(reasons)) this.#allow(id, reason);
+    this.tools.allow("snap", reasons.mismatch);
+  }
+
+  /** Enable a control, or disable it with the reason as its tooltip. @param {string} id @param {string} reason empty if it is enabled */
+  #allow(id, reason) {
+    const input = this.parts.input(id), label = input.closest("label") ?? input.previousElementSibling;
+    input.dataset.title ??= input.title;
+    input.disabled = Boolean(reason);
+    input.title = reason || input.dataset.title;
+    if (label instanceof HTMLLabelElement) label.title = reason;
   }
 
   /** Show the reason why there is no field. @param {string} message */
@@ -187,7 +232,8 @@ export function rowsOf(about, scene) {
   if (about.kind !== "free" || about.potential == null) return [...rows, ["", about.kind === "free" ? "no path to a goal" : about.kind]];
   rows.push(["V", engineering(about.volts, "V")]);
   if (about.drop_decades != null) rows.push(["drop, log₁₀", signed(about.drop_decades)]);
-  ["left", "right", "below", "above"].forEach((side, n) => {
+  for (const [arrow, amperes] of about.steps ?? []) rows.push([arrow, `${amperes > 0 ? "out" : amperes < 0 ? "in" : ""} ${engineering(Math.abs(amperes), "A")}`]);
+  if (about.amperes) ["left", "right", "below", "above"].forEach((side, n) => {
     const amperes = about.amperes[n] * (n % 2 ? 1 : -1), word = amperes > 0 ? "out" : amperes < 0 ? "in" : "";
     rows.push([side, `${word} ${engineering(Math.abs(amperes), "A")}`]);
   });

@@ -49,8 +49,18 @@ export class Tools {
 
   /** @param {string} tool */
   choose(tool) {
+    if (/** @type {HTMLButtonElement} */ (this.bar.querySelector(`[data-tool="${tool}"]`)).disabled) return;
     this.tool = tool;
     for (const button of this.bar.querySelectorAll("button")) button.ariaPressed = String(button.dataset.tool === tool);
+  }
+
+  /** Enable a tool, or disable it with the reason as its tooltip. @param {string} tool @param {string} reason empty if it is enabled */
+  allow(tool, reason) {
+    const button = /** @type {HTMLButtonElement} */ (this.bar.querySelector(`[data-tool="${tool}"]`));
+    const [, , key, about] = /** @type {string[]} */ (TOOLS.find(([name]) => name === tool));
+    button.disabled = Boolean(reason);
+    button.title = reason || `${about} (${key})`;
+    if (reason && this.tool === tool) this.choose("draw");
   }
 
   get #scene() {

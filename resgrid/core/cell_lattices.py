@@ -1,0 +1,145 @@
+"""Lattices with one node per cell: nine-point stencils of planes and 27-point stencils of spaces with three axes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from resgrid.core.cell import Cell
+from resgrid.core.lattice import Index, Lattice, LatticeName
+from resgrid.core.regions import with_margin
+from resgrid.core.space import ConfigurationSpace
+from resgrid.errors import InputError
+
+
+@dataclass(frozen=True, eq=False)
+class CellLattice(Lattice):
+    """One site per cell, with steps to face neighbours and across edges and corners of cells.
+
+    `offsets` (n, ndim): steps as differences of cell indices; `plain` (n,): weights of face neighbours alone, 0 for
+    other steps.
+
+    Around every corner of the grid lies a block of ``2**ndim`` cells.  The weight of a step is the mean over the blocks
+    that contain its two cells.  A block of free and goal cells has the weights of the stencil, any other block those of
+    face neighbours.  Steps across an edge or a corner therefore exist only where no cell of a block is an obstacle, and
+    contacts with obstacles and edges are those of the lattice "square".
+    """
+
+    offsets: NDArray[np.int64]
+    plain: NDArray[np.float64]
+
+    def points(self, site: ArrayLike) -> NDArray[np.float64]:
+        """Return cell centres in axis units, (..., ndim); `site` (..., ndim): indices of cells."""
+        return self.space.axis_centre(site)
+
+    def cells(self, site: ArrayLike) -> NDArray[np.int64]:
+        """Return `site` (..., ndim), since sites are numbered like cells."""
+        return np.asarray(site, dtype=np.int64)
+
+    def beyond(self, step: int, sense: int) -> Index:
+        """Return the indices of the neighbouring cells in one direction, without wrapping."""
+        return tuple(
+            index + sense * int(offset)
+            for index, offset in zip(np.indices(self.shape, sparse=True), self.offsets[step], strict=True)
+        )
+
+    def links(self, step: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the conductances of a step from every cell, and of its contacts with obstacles."""
+        open_blocks = self._open_blocks(self.offsets[step])
+        weight = self.weights[step] * open_blocks + self.plain[step] * (1.0 - open_blocks)
+        there = self.neighbours(step)
+        code, c = self.space.cell, self.space.conductivity
+        blocked = (there < 0) | (code == Cell.OBSTACLE) | (code.ravel()[there] == Cell.OBSTACLE)
+        weight = np.where(blocked, 0.0, weight)
+        if c is not None:
+            here, beyond = c, c.ravel()[there]
+            free, free_there = code == Cell.FREE, code.ravel()[there] == Cell.FREE
+            here, beyond = np.where(free_there & ~free, beyond, here), np.where(free & ~free_there, here, beyond)
+            weight *= here * (2.0 * beyond / (here + beyond))
+        return weight, np.full(self.shape, self.plain[step])
+
+    def _open_blocks(self, offset: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Return the fraction of blocks without obstacles around every cell and its neighbour, shape of the space.
+
+        `offset` (ndim,): difference of the indices of the two cells.
+        """
+        total, count = np.zeros(self.shape), 0
+        choices = [(0, 1) if by == 0 else (1,) if by > 0 else (0,) for by in offset.tolist()]
+        for corner in product(*choices):
+            total += self._blocks[tuple(slice(by, by + size) for by, size in zip(corner, self.shape, strict=True))]
+            count += 1
+        return total / count
+
+    @cached_property
+    def _blocks(self) -> NDArray[np.bool_]:
+        """Whether the block around every corner of the grid has no obstacle and lies inside, shape of the space + 1."""
+        wide = with_margin(self.space.cell != Cell.OBSTACLE, self.space.periodic, beyond=False)
+        clear = np.ones([size + 1 for size in self.shape], dtype=np.bool_)
+        for corner in product((0, 1), repeat=self.space.ndim):
+            clear &= wide[tuple(slice(by, by + size + 1) for by, size in zip(corner, self.shape, strict=True))]
+        return clear
+
+    def sites_in(self, cell: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return the cell itself, (1, ndim)."""
+        return cell[np.newaxis].astype(np.int64)
+
+
+def cell_lattice(name: LatticeName, space: ConfigurationSpace) -> CellLattice:
+    """Return the lattice "square8" or "cube26" over a space."""
+    stencil = stencil_of(name, space)
+    offsets = [offset for offset in stencil if offset > (0,) * space.ndim]
+    offsets.sort(key=lambda offset: (np.count_nonzero(offset), tuple(-by for by in offset)))
+    steps = np.array(offsets, dtype=np.int64).reshape(-1, space.ndim)
+    h_ref = float(space.spacing.min())
+    plain = [
+        (h_ref / space.spacing[axis]) ** 2 if np.count_nonzero(offset) == 1 else 0.0
+        for offset, axis in zip(offsets, np.argmax(steps != 0, axis=1).tolist(), strict=True)
+    ]
+    weights = np.array([stencil[offset] for offset in offsets])
+    return CellLattice(space, name, space.shape, steps * space.spacing, weights, steps, np.array(plain))
+
+
+def stencil_of(name: LatticeName, space: ConfigurationSpace) -> dict[tuple[int, ...], float]:
+    """Return the weights of all neighbours by offset, times ``h_ref**2``; raise InputError unless all are positive.
+
+    On a ring of a single cell, a step along the ring leads back to the cell: offsets along it become 0, and the
+    weights of equal offsets are added.
+    """
+    h_ref = float(space.spacing.min())
+    a = (h_ref / space.spacing) ** 2
+    ring = np.array([axis.periodic and axis.cells == 1 for axis in space.axes])
+    weights: dict[tuple[int, ...], float] = {}
+    for offset in product((-1, 0, 1), repeat=space.ndim):
+        weight = _coefficient(np.array(offset) != 0, a)
+        folded = tuple(0 if closed else by for by, closed in zip(offset, ring.tolist(), strict=True))
+        if any(folded):
+            weights[folded] = weights.get(folded, 0.0) + weight
+    if min(weights.values(), default=1.0) < 1e-9:
+        widths = " x ".join(f"{width:g}" for width in space.spacing)
+        limit = "sqrt(5) = 2.24" if space.ndim == 2 else "about 1.7"
+        raise InputError(
+            f"lattice = {name!r} has no positive resistances on cells of {widths}: the ratio of the widths must be "
+            f"below {limit}; change the numbers of cells so that the widths are similar, or use lattice = 'square'"
+        )
+    return weights
+
+
+def _coefficient(moves: NDArray[np.bool_], a: NDArray[np.float64]) -> float:
+    """Return the coefficient of a neighbour in the stencil at the head of `resgrid.core.lattices`.
+
+    `moves` (ndim,): axes along which the neighbour differs; `a` (ndim,): ``(h_ref / h)**2`` of every axis.  A product
+    of second differences over the axes ``S`` contributes to the neighbours within ``S``: ``(-2)**(axes of S without
+    move)``.
+    """
+    ndim, total = len(a), 0.0
+    for chosen in product((False, True), repeat=ndim):
+        axes = np.array(chosen)
+        if np.any(moves & ~axes):
+            continue
+        factor = {1: 1.0, 2: 1.0 / 12.0, 3: 1.0 / 90.0}.get(int(axes.sum()), 0.0) * float(a[axes].sum())
+        total += factor * (-2.0) ** int(np.count_nonzero(axes & ~moves))
+    return total

@@ -1,0 +1,179 @@
+"""Triangular lattices over a plane, in which every node has six neighbours."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from math import ceil, floor, sqrt
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from resgrid.core.cell import Cell
+from resgrid.core.lattice import Index, Lattice
+from resgrid.core.space import ConfigurationSpace
+from resgrid.errors import InputError
+
+_ROW = sqrt(3.0) / 2.0
+"""Distance of the rows of an equilateral triangular lattice, as a multiple of the pitch."""
+
+_PHASES = 65
+"""Number of positions of the rows that are compared, to keep rows away from the borders of cells."""
+
+_APART = 1e-4
+"""Distance of rows from borders of cells that is sufficient, as a fraction of a cell's width."""
+
+
+@dataclass(frozen=True, eq=False)
+class HexagonalLattice(Lattice):
+    """A triangular lattice with rows parallel to the first axis, shifted alternately by a quarter of the pitch.
+
+    `pitch`: distance of neighbours in a row, in axis units; `row`: distance of rows; `first`: distance of the first row
+    from the lower edge; `per_cell`: number of sites of a row in a cell.
+    """
+
+    pitch: float
+    row: float
+    first: float
+    per_cell: int
+
+    def points(self, site: ArrayLike) -> NDArray[np.float64]:
+        """Return the points of sites in axis units, (..., 2); `site` (..., 2): number in the row, number of the row."""
+        i, j = np.moveaxis(np.asarray(site, dtype=np.int64), -1, 0)
+        x = (i + np.where(j % 2 == 0, 0.25, 0.75)) * self.pitch
+        return np.asarray(self.space.lower + np.stack([x, self.first + j * self.row], axis=-1))
+
+    def cells(self, site: ArrayLike) -> NDArray[np.int64]:
+        """Return the cells that contain sites, (..., 2); `site` (..., 2): number in the row, number of the row."""
+        i, j = np.moveaxis(np.asarray(site, dtype=np.int64), -1, 0)
+        return np.asarray(np.stack([i // self.per_cell, self._row_cells[j]], axis=-1))
+
+    @cached_property
+    def _row_cells(self) -> NDArray[np.int64]:
+        """Index along the second axis of the cells that contain each row, (rows,)."""
+        height = (self.first + np.arange(self.shape[1]) * self.row) / self.space.spacing[1]
+        return np.asarray(np.floor(height), dtype=np.int64)
+
+    def beyond(self, step: int, sense: int) -> Index:
+        """Return the indices of the neighbours in one direction, without wrapping."""
+        i, j = np.indices(self.shape, sparse=True)
+        if step == 0:
+            return i + sense, j
+        left = 1 if step == 2 else 0
+        lower = j if sense > 0 else j - 1
+        return i + sense * (lower % 2 - left), j + sense
+
+    def links(self, step: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the conductances of a step from every site, and of its contacts with obstacles."""
+        there = self.neighbours(step)
+        x, y = self.site_cells
+        x_there, y_there = x.ravel()[there], y.ravel()[there]
+        crosses_x = self.beyond(step, 1)[0] // self.per_cell != x  # before wrapping
+        crosses_y = np.broadcast_to((self.beyond(step, 1)[1] >= self.shape[1]) | (y != y_there), self.shape)
+        height = (y + 1) * self.space.spacing[1] - (self.first + np.arange(self.shape[1]) * self.row)
+        at_y = np.where(crosses_y, height / self.row, 2.0)
+        at_border = np.where(np.arange(self.shape[1]) % 2 == 0, 0.75, 0.25) if step == 0 else 0.5
+        at_x = np.where(crosses_x, at_border, 2.0)
+        slack = self.space.rounding[1] * self.space.spacing[1] / self.row
+        solid = self.space.cell == Cell.OBSTACLE
+        blocked = (there < 0) | solid[x, y] | solid[x_there, y_there]
+        both = crosses_x & crosses_y
+        blocked |= both & (at_x <= at_y + slack) & solid[x_there, y]
+        blocked |= both & (at_y <= at_x + slack) & solid[x, y_there]
+        weight = np.where(blocked, 0.0, self.weights[step])
+        if self.space.conductivity is not None:
+            weight *= self._conductivity((x, y), (x_there, y_there), at_x, at_y)
+        return weight, np.full(self.shape, self.weights[step])
+
+    def _conductivity(
+        self, here: Index, there: Index, at_x: NDArray[np.float64], at_y: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return the harmonic mean of the conductivity along every segment, in the lattice's shape.
+
+        `here`, `there`: cells of the ends; `at_x`, `at_y`: fraction of the segment at which it crosses a border of
+        cells across each axis, above 1 without a crossing.  A goal cell has the conductivity of the free end.
+        """
+        assert self.space.conductivity is not None
+        code, c = self.space.cell, self.space.conductivity
+        first, last = c[here], c[there]
+        is_goal, is_goal_there = code[here] == Cell.GOAL, code[there] == Cell.GOAL
+        first, last = (
+            np.where(is_goal & ~is_goal_there, last, first), np.where(is_goal_there & ~is_goal, first, last),
+        )  # fmt: skip
+        middle = np.where(at_x < at_y, c[there[0], here[1]], c[here[0], there[1]])
+        low, high = np.minimum(np.minimum(at_x, at_y), 1.0), np.maximum(at_x, at_y)
+        high = np.where(high > 1.0, low, high)  # no middle cell with fewer than two crossings
+        return np.asarray(1.0 / (low / first + (high - low) / middle + (1.0 - high) / last))
+
+    def sites_in(self, cell: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return the sites in a cell, (n, 2)."""
+        rows = np.flatnonzero(self._row_cells == cell[1])
+        columns = np.arange(cell[0] * self.per_cell, (cell[0] + 1) * self.per_cell)
+        return np.stack(np.meshgrid(columns, rows, indexing="ij"), axis=-1).reshape(-1, 2)
+
+
+def hexagonal_lattice(space: ConfigurationSpace) -> HexagonalLattice:
+    """Return the triangular lattice over a plane."""
+    per_cell, pitch, rows, row = hexagonal_rows(space)
+    h_ref = float(space.spacing.min())
+    across = h_ref**2 / (2.0 * row**2)
+    along = (h_ref / pitch) ** 2 - across / 2.0
+    return HexagonalLattice(
+        space=space,
+        name="hexagonal",
+        shape=(space.shape[0] * per_cell, rows),
+        steps=np.array([(pitch, 0.0), (pitch / 2.0, row), (-pitch / 2.0, row)]),
+        weights=np.array([along, across, across]),
+        pitch=pitch,
+        row=row,
+        first=_first_row(space, rows, row),
+        per_cell=per_cell,
+    )
+
+
+def hexagonal_rows(space: ConfigurationSpace) -> tuple[int, float, int, float]:
+    """Return sites per cell of a row, pitch, number of rows, and distance of rows.
+
+    Raise InputError for a ring that is too small.
+    """
+    width, height = space.spacing.tolist()
+    per_cell = max(ceil(_ROW * width / height - 1e-9), 1)
+    pitch = width / per_cell
+    length, cells = height * space.shape[1], space.shape[1]
+    if not space.axes[1].periodic:
+        return per_cell, pitch, max(floor(length / (_ROW * pitch)), 1), _ROW * pitch
+    rows = max(2 * round(length / (2.0 * _ROW * pitch)), 2 * ceil(cells / 2))
+    row = length / rows
+    if row < 0.55 * pitch:
+        name = space.axes[1].name
+        raise InputError(
+            f"lattice = 'hexagonal' does not close on the ring {name!r} of {cells} cell{'s' if cells > 1 else ''}: its "
+            "rows would be too close; use more cells along it, or lattice = 'square'"
+        )
+    return per_cell, pitch, rows, row
+
+
+def _first_row(space: ConfigurationSpace, rows: int, row: float) -> float:
+    """Return the distance of the first row from the lower edge, such that no row lies on a border of cells.
+
+    The first row lies in the first cell, and the last row in the last cell.  The rows are centred, or moved as little
+    as possible.  Raise InputError if a row lies on a border for every position.
+    """
+    height, cells = float(space.spacing[1]), space.shape[1]
+    length = height * cells
+    if space.axes[1].periodic:
+        low, high = 0.0, row
+    else:
+        last = (rows - 1) * row
+        low, high = max(length - height - last, 0.0), min(height, length - last)
+    first = low + (high - low) * np.arange(1, _PHASES + 1) / (_PHASES + 1)
+    first = first[np.argsort(np.abs(first - (low + high) / 2.0), kind="stable")]
+    position = np.mod((first[:, np.newaxis] + np.arange(rows) * row) / height, 1.0)
+    distance = np.minimum(position, 1.0 - position).min(axis=1)
+    largest = float(distance.max())
+    if largest < 4.0 * space.rounding[1]:
+        raise InputError(
+            f"lattice = 'hexagonal': a row of nodes lies on a border of the {cells:,} cells along "
+            f"{space.axes[1].name!r}; change their number by one, or use lattice = 'square'"
+        )
+    return float(first[int(np.argmax(distance >= min(_APART, largest)))])

@@ -1,0 +1,124 @@
+"""Lattices of nodes over a configuration space: sites, and steps from a site to its neighbours."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from resgrid.core.space import ConfigurationSpace
+from resgrid.errors import InputError
+
+LatticeName = Literal["square", "square8", "cube26", "hexagonal"]
+
+SQUARE: LatticeName = "square"
+"""Name of the default lattice, with face neighbours, which `resgrid.core.compiler` compiles."""
+
+Index = tuple[NDArray[np.int64], ...]
+"""One array of indices per axis of a lattice."""
+
+
+@dataclass(frozen=True, eq=False)
+class Lattice(ABC):
+    """Sites over a space, and the steps from a site to its neighbours.
+
+    `space`: the space; `name`: name of the lattice; `shape`: number of sites along every axis of the lattice;
+    `steps` (n, ndim): displacements to half of the neighbours, in axis units; the other steps are their negatives;
+    `weights` (n,): weight of every step in open space.
+    """
+
+    space: ConfigurationSpace
+    name: LatticeName
+    shape: tuple[int, ...]
+    steps: NDArray[np.float64]
+    weights: NDArray[np.float64]
+
+    @property
+    def size(self) -> int:
+        """Number of sites."""
+        return int(np.prod(self.shape, dtype=np.int64))
+
+    @abstractmethod
+    def points(self, site: ArrayLike) -> NDArray[np.float64]:
+        """Return the points of sites in axis units, (..., ndim); `site` (..., ndim): indices of sites."""
+
+    @abstractmethod
+    def cells(self, site: ArrayLike) -> NDArray[np.int64]:
+        """Return the cells that contain sites, (..., ndim); `site` (..., ndim): indices of sites."""
+
+    @abstractmethod
+    def beyond(self, step: int, sense: int) -> Index:
+        """Return the indices of the neighbours of all sites in one direction, without wrapping, in the lattice's shape.
+
+        `step`: index of the step; `sense`: 1 for the step, -1 for its negative.
+        """
+
+    @abstractmethod
+    def links(self, step: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return conductances ``g`` of a step from every site, and of contacts with obstacles, in the lattice's shape.
+
+        A conductance is 0 where the segment of the step touches an obstacle cell or leaves the grid.  If the space has
+        conductivities, they include those of the free cells, and are relative to 1 / R.  The second array holds the
+        conductance of the contact that replaces a blocked resistor, without the conductivity.
+        """
+
+    @abstractmethod
+    def sites_in(self, cell: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return the sites in a cell, (n, ndim), in C order; `cell` (ndim,): index of the cell."""
+
+    def nearest(self, cell: NDArray[np.int64], point: NDArray[np.float64]) -> NDArray[np.int64]:
+        """Return the site of a cell that is nearest to a point, (ndim,); the first in C order of equally near sites.
+
+        `cell` (ndim,): index of the cell; `point` (ndim,): a point of the cell, in axis units.
+        """
+        sites = self.sites_in(cell)
+        distance = np.linalg.norm(self.points(sites) - point, axis=1)
+        near = distance <= distance.min() + 1e-9 * float(self.space.spacing.min())
+        return np.asarray(sites[int(np.argmax(near))])
+
+    def neighbours(self, step: int, sense: int = 1) -> NDArray[np.int64]:
+        """Return the flat indices of the neighbours of all sites in one direction, -1 outside, in the lattice's shape.
+
+        `step`: index of the step; `sense`: 1 for the step, -1 for its negative.
+        """
+        index, inside = self._wrapped(self.beyond(step, sense))
+        return np.where(inside, np.ravel_multi_index(index, self.shape), -1)
+
+    def outside(self, step: int, sense: int, axis: int) -> NDArray[np.bool_]:
+        """Return whether the neighbour of every site in one direction lies outside along an axis, which has an edge.
+
+        `step`: index of the step; `sense`: 1 for the step, -1 for its negative; `axis`: index of the axis.
+        """
+        along = self.beyond(step, sense)[axis]
+        beyond = (along < 0) | (along >= self.shape[axis])
+        return np.asarray(np.broadcast_to(beyond & (not self.space.axes[axis].periodic), self.shape))
+
+    def _wrapped(self, index: Index) -> tuple[Index, NDArray[np.bool_]]:
+        """Return indices wrapped on periodic axes (0 for indices outside), and whether they lie inside the lattice."""
+        inside = np.ones(self.shape, dtype=np.bool_)
+        parts = []
+        for along, size, axis in zip(index, self.shape, self.space.axes, strict=True):
+            within = (along >= 0) & (along < size) | axis.periodic
+            inside &= within
+            parts.append(np.broadcast_to(np.where(within, np.mod(along, size), 0), self.shape))
+        return tuple(parts), inside
+
+    @cached_property
+    def site_cells(self) -> Index:
+        """Cells that contain the sites, one array of the lattice's shape per axis."""
+        grid = np.moveaxis(np.indices(self.shape), 0, -1)
+        return tuple(np.moveaxis(self.cells(grid), -1, 0))
+
+    def at_sites(self, value: NDArray[Any]) -> NDArray[Any]:
+        """Return values of cells (shape of the space) at the sites, in the lattice's shape."""
+        return value[self.site_cells]
+
+
+def require_square(name: LatticeName, subject: str) -> None:
+    """Raise InputError for another lattice than "square"; `subject`: function that needs face neighbours."""
+    if name != SQUARE:
+        raise InputError(f"{subject} needs cells with face neighbours, not lattice = {name!r}; use lattice = 'square'")

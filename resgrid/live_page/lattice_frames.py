@@ -1,0 +1,118 @@
+"""Results of lattices other than "square" for the page: values and currents of cells, properties of nodes, circuits.
+
+The page shows one node per cell: the site of the cell that is nearest to its centre.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.circuit.operating_point import OperatingPoint
+from resgrid.core.cell import Cell
+from resgrid.core.lattice import Lattice
+from resgrid.planning.any_field import AnyField
+from resgrid.planning.lattice_fields import LatticeField
+
+_ARROWS = "→↗↑↖←↙↓↘"
+"""Arrows of the eight directions, counterclockwise from the direction of the first axis."""
+
+
+def at_cells(field: AnyField, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return values of a field in the shape of its space; for a lattice, those at the nodes that represent cells.
+
+    `values`: one value per cell, or per site of the lattice.
+    """
+    return values.ravel()[sites_of_cells(field.lattice)] if isinstance(field, LatticeField) else values
+
+
+def sites_of_cells(lattice: Lattice) -> NDArray[np.int64]:
+    """Return the flat index of the site of each cell that is nearest to its centre, in the shape of the space."""
+    space = lattice.space
+    sites = np.moveaxis(np.indices(lattice.shape), 0, -1).reshape(-1, space.ndim)
+    cells = lattice.cells(sites)
+    off = np.linalg.norm((lattice.points(sites) - space.axis_centre(cells)) / space.spacing, axis=1)
+    number = np.ravel_multi_index(tuple(cells.T), space.shape)
+    order = np.lexsort((off.round(9), number))
+    _, first = np.unique(number[order], return_index=True)
+    return np.asarray(order[first].reshape(space.shape), dtype=np.int64)
+
+
+def flows(field: LatticeField) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the mean flow through the node of each cell (nx, ny, 2), and the log of its largest current (nx, ny).
+
+    A flow is the sum of the currents along all steps times their unit vectors, relative to the largest current of the
+    node; the logarithm is natural, -inf without current.
+    """
+    site = sites_of_cells(field.lattice)
+    outward = [
+        (sense * _unit(field.lattice, step), field.outward(step, sense)[site])
+        for step in range(len(field.lattice.steps))
+        for sense in (1, -1)
+    ]
+    inward = []
+    for step in range(len(field.lattice.steps)):
+        for sense in (1, -1):  # the neighbour in the direction `sense` sends its current the opposite way
+            there = field.lattice.neighbours(step, sense).ravel()[site]
+            log = np.where(there >= 0, field.outward(step, -sense)[there], -np.inf)
+            inward.append((-sense * _unit(field.lattice, step), log))
+    largest = np.max([log for _, log in outward + inward], axis=0)
+    base = np.where(np.isfinite(largest), largest, np.inf)
+    flow = sum(unit * np.exp(log - base)[..., np.newaxis] for unit, log in outward + inward)
+    return np.asarray(flow) * field.space.spacing.min() / field.space.spacing, largest
+
+
+def step_currents(field: LatticeField, index: tuple[int, int]) -> list[list[Any]]:
+    """Return the currents from the node of a cell to its neighbours: lists of an arrow and the outward current.
+
+    Currents are in units of supply / resistance.  `index`: index of the cell along each axis.
+    """
+    site, lattice = int(sites_of_cells(field.lattice)[index]), field.lattice
+    rows = []
+    for step in range(len(lattice.steps)):
+        for sense in (1, -1):
+            there = int(lattice.neighbours(step, sense).ravel()[site])
+            if there < 0:
+                continue
+            inward = np.exp(field.outward(step, -sense)[there])
+            angle = float(np.arctan2(*(sense * _unit(lattice, step))[::-1]))
+            rows.append((angle % (2 * np.pi), float(np.exp(field.outward(step, sense)[site]) - inward)))
+    return [[_ARROWS[round(angle / (np.pi / 4)) % 8], amperes] for angle, amperes in sorted(rows)]
+
+
+def segments(op: OperatingPoint) -> dict[str, Any]:
+    """Return the resistors of a lattice as a dictionary for JSON, with points in cells from the lower corner.
+
+    `segments`: lists of x and y of both ends, ohms, and volts and amperes from the first to the second end; `contacts`:
+    lists of x and y of the node and the ohms of all its contacts with the obstacle rail; `nodes`: lists of x and y of
+    all nodes in free cells.
+    """
+    netlist, found = op.netlist, op.netlist.lattice_map
+    assert found is not None
+    lattice, space = found.lattice, found.space
+
+    def place(points: NDArray[np.float64]) -> NDArray[np.float64]:
+        return (points - space.lower) / space.spacing
+
+    sites = np.stack(np.unravel_index(found.resistor_site, lattice.shape), axis=1)
+    ohms, joins = 1.0 / netlist.conductance, found.resistor_step >= 0
+    first = lattice.points(sites)
+    second = first + lattice.steps[found.resistor_step]
+    columns = [*place(first).T, *place(second).T, ohms, ohms * op.resistor_current, op.resistor_current]
+    contact = np.zeros(lattice.size)
+    np.add.at(contact, found.resistor_site[~joins], netlist.conductance[~joins])
+    tied = np.flatnonzero(contact)
+    tied_places = place(lattice.points(np.stack(np.unravel_index(tied, lattice.shape), axis=1)))
+    own = np.argwhere((lattice.at_sites(space.cell) == Cell.FREE) & (found.node >= 0))
+    return {
+        "segments": np.stack([column[joins] for column in columns], axis=1).tolist(),
+        "contacts": np.column_stack([tied_places, 1.0 / contact[tied]]).tolist(),
+        "nodes": place(lattice.points(own)).tolist(),
+    }
+
+
+def _unit(lattice: Lattice, step: int) -> NDArray[np.float64]:
+    """Return the unit vector of a step, shape (2,)."""
+    return np.asarray(lattice.steps[step] / np.linalg.norm(lattice.steps[step]))

@@ -1,0 +1,255 @@
+"""Fields of lattices other than "square": a potential at every site and a current along every step."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid._internal.values import frozen, picture_html
+from resgrid.circuit.operating_point import OperatingPoint
+from resgrid.core.cell import Cell
+from resgrid.core.lattice import Lattice
+from resgrid.core.lattice_map import LatticeMap
+from resgrid.core.lattices import lattice_of
+from resgrid.core.space import ConfigurationSpace
+from resgrid.core.wiring import Wiring
+from resgrid.errors import CircuitError, InputError
+from resgrid.planning.clearance import obstacle_reach
+
+SAME_CURRENT = 1e-9
+"""Difference of the natural logarithms of two currents below which they count as equal.
+
+The read-out then takes the first of the steps, so that rounding errors of symmetric currents do not change a path.
+"""
+
+
+@frozen
+@dataclass(frozen=True, eq=False)
+class LatticeField:
+    """Potential and step currents on the lattice of a configuration space.
+
+    Attributes
+    ----------
+    lattice : Lattice
+        Sites and steps of the lattice, with their points and cells.
+    wiring : Wiring
+        Wiring of the solved circuit; for a blend, wiring of the circuit of k = 1.
+    potential : ndarray of float64, shape of the lattice
+        ``phi`` at every site: 1 in obstacles, 0 in goals; NaN at a site without a node.  With a uniform drive, the
+        height above the goal rail, scaled to a maximum of 1.
+    log_drop : ndarray of float64, shape of the lattice, or None
+        Natural logarithm of the drop ``u = 1 - phi``, accurate even where ``phi`` rounds to 1; -inf at sites without a
+        path to a goal, NaN without a node.  None if the circuit has no high rail (uniform drive), and for blends.
+    step_direction : tuple of ndarray of int8
+        Sign of the current along a step of the lattice from every site, 0 without current; one array of the lattice's
+        shape per step.  Contacts with obstacles are no steps.
+    step_log_current : tuple of ndarray of float64
+        Natural logarithm of the current's magnitude, in units of supply / resistance and for the potential as scaled;
+        -inf without current.
+    k : float
+        Weight of the Dirichlet field: 1 for Dirichlet and walls, 0 for Neumann.
+    space : ConfigurationSpace
+        The space.
+    boundary : str
+        Boundary condition at obstacles: ``"dirichlet"``, ``"neumann"``, ``"wall"`` or ``"blend"``.
+    edge : tuple of str
+        Rule of the grid's edge per axis: ``"periodic"``, ``"obstacle"`` or ``"open"``.
+    is_flowing : bool
+        Whether any current is nonzero.
+    next_site : ndarray of int64, shape of the lattice
+        Flat index of the site to which the largest current from every site leads; -1 without outward current, and in
+        goals.
+
+    Examples
+    --------
+    >>> scene = rg.read_scene("examples/scenes/lesson.toml")
+    >>> field = rg.planning.lattice_field(rg.solve(rg.compile_space(rg.build_space(scene), lattice="hexagonal")))
+    >>> field
+    <LatticeField on 8 x 9 sites: hexagonal, dirichlet, k = 1>
+    >>> field.potential[5, :4].round(3)
+    array([0.784, 0.585, 0.718, 0.843])
+    """
+
+    lattice: Lattice
+    wiring: Wiring
+    potential: NDArray[np.float64]
+    log_drop: NDArray[np.float64] | None
+    step_direction: tuple[NDArray[np.int8], ...]
+    step_log_current: tuple[NDArray[np.float64], ...]
+    k: float
+
+    def __repr__(self) -> str:
+        sites = " x ".join(map(str, self.lattice.shape))
+        drive = f", driven by {self.wiring.drive}" if self.wiring.drive else ""
+        return f"<LatticeField on {sites} sites: {self.lattice.name}, {self.boundary}{drive}, k = {self.k:g}>"
+
+    _repr_html_ = picture_html
+
+    @property
+    def space(self) -> ConfigurationSpace:
+        """The configuration space of the lattice."""
+        return self.lattice.space
+
+    @property
+    def boundary(self) -> str:
+        """Boundary condition at obstacles: ``"dirichlet"``, ``"neumann"``, ``"wall"`` or ``"blend"``."""
+        return "blend" if 0.0 < self.k < 1.0 else self.wiring.boundary
+
+    @property
+    def edge(self) -> tuple[str, ...]:
+        """Rule of the grid's edge per axis: ``"periodic"``, ``"obstacle"`` or ``"open"``."""
+        return self.wiring.edges(self.space)
+
+    @property
+    def is_flowing(self) -> bool:
+        """Whether any current is nonzero."""
+        return any(direction.any() for direction in self.step_direction)
+
+    @cached_property
+    def obstacle_reach(self) -> NDArray[np.float64] | None:
+        """Upper bounds of the distance from any point of each cell to the nearest obstacle cell, in axis units."""
+        return obstacle_reach(self.space)
+
+    def outward(self, step: int, sense: int) -> NDArray[np.float64]:
+        """Return the natural logarithm of the outward current of every site in one direction, flat, -inf for none.
+
+        Parameters
+        ----------
+        step : int
+            Index of the step of the lattice.
+        sense : int
+            1 for the step, -1 for its negative.
+
+        Returns
+        -------
+        ndarray of float64, shape (sites,)
+            In units of supply / resistance.
+        """
+        direction, log_current = self.step_direction[step].ravel(), self.step_log_current[step].ravel()
+        outward = np.where(direction == sense, log_current, -np.inf)
+        if sense > 0:
+            return outward
+        back = self.lattice.neighbours(step, -1).ravel()
+        return np.where(back >= 0, outward[back], -np.inf)
+
+    @cached_property
+    def largest_current(self) -> NDArray[np.float64]:
+        """Natural logarithm of the largest outward current of every site, flat, -inf without one; as `outward`."""
+        largest = np.full(self.lattice.size, -np.inf)
+        for step in range(len(self.lattice.steps)):
+            for sense in (1, -1):
+                np.maximum(largest, self.outward(step, sense), out=largest)
+        return largest
+
+    @cached_property
+    def move(self) -> NDArray[np.int8]:
+        """Direction of the largest current from every site, flat: ``2 step``, plus 1 for the negative step; -1: none.
+
+        Of equal currents (`SAME_CURRENT`) the first direction is taken.
+        """
+        largest = self.largest_current
+        directions = [(step, sense) for step in range(len(self.lattice.steps)) for sense in (1, -1)]
+        move = np.full(self.lattice.size, -1, dtype=np.int8)
+        flows = np.isfinite(largest)
+        for number, (step, sense) in reversed(list(enumerate(directions))):
+            move[flows & (self.outward(step, sense) >= largest - SAME_CURRENT)] = number
+        return move
+
+    @cached_property
+    def next_site(self) -> NDArray[np.int64]:
+        """Flat index of the site to which the largest current from every site leads, -1 for none; lattice's shape."""
+        there = np.full(self.lattice.size, -1, dtype=np.int64)
+        for step in range(len(self.lattice.steps)):
+            for sense in (1, -1):
+                own = np.flatnonzero(self.move == 2 * step + (sense < 0))
+                there[own] = self.lattice.neighbours(step, sense).ravel()[own]
+        return there.reshape(self.lattice.shape)
+
+
+def lattice_field(op: OperatingPoint) -> LatticeField:
+    """Return the field of a lattice, computed from the operating point of its netlist.
+
+    Parameters
+    ----------
+    op : OperatingPoint
+        Operating point of a netlist that was compiled from a space with another lattice than "square".
+
+    Returns
+    -------
+    LatticeField
+        Potential at all sites and currents along all steps; `resgrid.planning.node_path` follows them.
+
+    Raises
+    ------
+    InputError
+        If the netlist has no such lattice, or neither two rails nor one rail and a drive.
+    CircuitError
+        If no current flows.
+
+    Examples
+    --------
+    >>> space = rg.build_space(rg.read_scene("examples/scenes/lesson.toml"))
+    >>> field = rg.planning.lattice_field(rg.solve(rg.compile_space(space, lattice="square8")))
+    >>> rg.planning.node_path(field, (0.5, 6.5))
+    <NodePath reached goal 0: 10 points, length 9.243, clearance 0.5>
+    """
+    found = op.netlist.lattice_map if isinstance(op, OperatingPoint) else None
+    if found is None:
+        raise InputError(
+            "lattice_field needs the operating point of a lattice: compile_space(space, lattice='square8', 'cube26' or "
+            "'hexagonal'); rg.field reads the lattice 'square'"
+        )
+    if op.method == "none" and not op.resistor_current.any():
+        raise CircuitError("nothing is driven: all sites are at the voltage of the goal; move the goal, or open a way")
+    if op.potential is None:
+        raise InputError("this circuit has more rails or drives than a field is defined for")
+    wiring, lattice = found.wiring, found.lattice
+    volts = wiring.supply
+    if wiring.drive == "uniform":
+        volts = float(op.voltage[np.nanargmax(op.potential)] - wiring.goal_voltage)
+    log_unit = np.log(abs(volts) / wiring.resistance)
+    sign, log_amps = op.resistor_direction * int(np.sign(volts)), op.resistor_log_current - log_unit
+    directions, logs = [], []
+    for step in range(len(lattice.steps)):
+        own = found.resistor_step == step
+        direction, log_current = np.zeros(lattice.size, dtype=np.int8), np.full(lattice.size, -np.inf)
+        direction[found.resistor_site[own]] = sign[own]
+        log_current[found.resistor_site[own]] = np.where(sign[own] == 0, -np.inf, log_amps[own])
+        directions.append(direction.reshape(lattice.shape))
+        logs.append(log_current.reshape(lattice.shape))
+    return LatticeField(
+        lattice=lattice,
+        wiring=wiring,
+        potential=_per_site(found, op.potential),
+        log_drop=None if op.log_drop is None else _per_site(found, op.log_drop),
+        step_direction=tuple(directions),
+        step_log_current=tuple(logs),
+        k=0.0 if wiring.is_driven else 1.0,
+    )
+
+
+def undriven_lattice_field(space: ConfigurationSpace, wiring: Wiring) -> LatticeField:
+    """Return a field without currents: potential 0 at goal-connected sites, 1 in obstacles on a rail, NaN elsewhere."""
+    lattice = lattice_of(wiring.lattice, space)
+    potential = np.where(lattice.at_sites(space.goal_connected | (space.cell == Cell.GOAL)), 0.0, np.nan)
+    if not wiring.is_driven:
+        potential[lattice.at_sites(space.cell) == Cell.OBSTACLE] = 1.0
+    count = len(lattice.steps)
+    return LatticeField(
+        lattice=lattice,
+        wiring=wiring.on(space),
+        potential=potential,
+        log_drop=None,
+        step_direction=(np.zeros(lattice.shape, dtype=np.int8),) * count,
+        step_log_current=(np.full(lattice.shape, -np.inf),) * count,
+        k=0.0 if wiring.is_driven else 1.0,
+    )
+
+
+def _per_site(found: LatticeMap, value: NDArray[np.float64]) -> NDArray[Any]:
+    """Return `value` (nodes,) at the sites, in the lattice's shape; NaN at sites without a node."""
+    return np.where(found.node >= 0, value[found.node], np.nan)
