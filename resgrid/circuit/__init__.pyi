@@ -5,6 +5,7 @@ from .effective_resistance import (
     ReducedNetwork as ReducedNetwork,
     reduce_network as reduce_network,
 )
+from .gradients import Gradient as Gradient, pullback as pullback
 from .linear import CircuitFactor as CircuitFactor
 from .nonlinear import linearize as linearize
 from .transients import (
