@@ -252,7 +252,7 @@ def _droop(op: OperatingPoint) -> NDArray[np.float64]:
     cells = op.netlist.cells
     code, wiring, own = cells.space.cell, cells.wiring, cells.node >= 0
     droop = np.full(op.netlist.node_count, np.nan)
-    if not wiring.is_driven:
+    if not wiring.is_open:
         high = cells.node[(code == Cell.OBSTACLE) & own]
         droop[high] = wiring.high - op.voltage[high]
     low = cells.node[(code == Cell.GOAL) & own]

@@ -200,7 +200,8 @@ def assemble(netlist: Netlist) -> Equations:
     if netlist.cell_map is not None and netlist.cell_map.wiring.supply < 0:  # the obstacle rail is the lower one
         low, high = high, low
     siemens, at_high = netlist.conductance[contacts.element], contacts.volts == high
-    rails = Rails(high, low, size, contacts.row, siemens, at_high) if has_two_rails else None
+    leak = _leak_of(netlist)
+    rails = Rails(high, low, size, contacts.row, siemens, at_high, leak) if has_two_rails else None
     listed = EdgeList(ends, netlist.conductance, unknown)
     contacts.volts[: contacts.ties] -= reference
     laplacian, feed = matrix_of(netlist, listed, contacts, size, rails)
@@ -350,6 +351,12 @@ def injected_currents(netlist: Netlist) -> NDArray[np.float64]:
     amps = np.concatenate([amps[fed == GROUND], -amps[taken == GROUND]])
     injected[GROUND] = amps.sum() if len(amps) > _MANY else math.fsum(amps.tolist())
     return injected
+
+
+def _leak_of(netlist: Netlist) -> float:
+    """Return the nominal conductance of the leak of every free cell, in siemens; 0 without cells or without a leak."""
+    cells = netlist.cell_map
+    return 0.0 if cells is None else cells.wiring.leak_conductance(cells.space.spacing)
 
 
 def _without_memory(currents: NDArray[np.float64], size: int) -> NDArray[np.float64]:

@@ -283,9 +283,10 @@ class _WarmCircuit:
 def _rows_of(space: ConfigurationSpace, wiring: Wiring) -> NDArray[np.bool_]:
     """Return which cells have an unknown voltage (a row), in the shape of the space.
 
-    With a uniform drive these are the cells connected to a goal, else the cells of components that touch both rails.
+    With a uniform drive or a leak these are the cells connected to a goal, else the cells of components that touch both
+    rails.
     """
-    if wiring.drive == "uniform":
+    if wiring.drive == "uniform" or wiring.leak:
         return space.goal_connected
     kind, inside = contacts_of_box(space, wiring, connected=False).kind, (slice(1, -1),) * space.ndim
     component = np.pad(label_regions(kind[inside] == CellRole.NODE, space.periodic), 1)
@@ -364,7 +365,8 @@ def _window_of(
     listed = EdgeList(np.concatenate(pairs), np.concatenate(conductance), row_of)
     first, second = listed.ends.T
     at_rail, at_high = second >= size, second == size
-    ground = sum_by_row(first[at_rail], listed.conductance[at_rail], size)
-    drive = sum_by_row(first[at_high], listed.conductance[at_high], size) + (wiring.drive == "uniform")
+    ground = sum_by_row(first[at_rail], listed.conductance[at_rail], size) + contacts.leak
+    drive = sum_by_row(first[at_high], listed.conductance[at_high], size) + contacts.leak
+    drive += wiring.drive == "uniform"
     grid = Grid(vertex, (False,) * vertex.ndim)
     return Laplacian(ground, listed, grid=grid, dimensions=grid.dimensions), drive

@@ -96,6 +96,8 @@ _SCENE_OPTIONS: tuple[Decorator, ...] = (
          help="Drive with open obstacles: uniform (a current into every free cell) or start (start on the high rail)."),
     _key("--edge", type=Suggested("rule", "obstacle", "open"),
          help="Border of the grid: obstacle or open; separated by commas for one per axis."),
+    _key("--leak", metavar="L",
+         help="Leak of every free cell to the obstacle rail, in 1 / (unit of the axes)^2: 1 / (screening length)^2."),
     _key("--resistance", metavar="OHMS", help="Resistance between neighbours, such as 10k."),
     _key("--goal", metavar="X,Y", type=NUMBERS, multiple=True,
          help="Goal in world coordinates (X,Y,Z in space); repeatable."),
@@ -261,7 +263,7 @@ def dialect_option(default: str | None = "ngspice") -> Decorator:
 
 def _source(file: str, keys: dict[str, Any], of_map: Mapping[str, Any], of_deck: Mapping[str, Any]) -> CommandInput:
     """Return a subcommand's input from its name and the options for scene keys, maps and decks, as values by name."""
-    changes = {key: keys[key] for key in ("boundary", "drive", "edge", "resistance") if keys[key] is not None}
+    changes = {key: keys[key] for key in ("boundary", "drive", "edge", "leak", "resistance") if keys[key] is not None}
     for key in ("goal", "start"):
         if keys[key]:
             changes |= _cells(key, keys[key]) if keys["cells"] else {key: list(keys[key])}

@@ -25,6 +25,9 @@ obstacle, obstacle ``G``       ``G``                         none
 If exactly one of the two cells is free, ``G`` depends on its conductivity alone.  An edge that counts as an obstacle is
 padded by obstacle cells on the obstacle rail, with the conductivity of the cells at the edge.  An open edge has no
 contacts.  Resistors between obstacle or goal cells exist only if these have nodes (``rails="cells"``, as on a chip).
+
+With a leak, every free node has one more resistor, of conductance ``leak * h_ref**2 / R``, to the obstacle rail.  The
+drop ``u`` from that rail then solves the screened Poisson equation ``div(c grad u) = leak u``.
 """
 
 from __future__ import annotations
@@ -110,7 +113,7 @@ def compile_space(space: ConfigurationSpace, wiring: Wiring | None = None, **opt
     array([5.e-05, 5.e-05])
     """
     wiring = wiring_of(wiring, options).on(space)
-    require_netlist_memory(space.shape)
+    require_netlist_memory(space.shape, has_leak=wiring.leak > 0)
     if not space.goal_count:
         raise InputError(NO_GOAL)
     contacts = contacts_of_box(space, wiring)
@@ -146,7 +149,7 @@ def why_undriven(space: ConfigurationSpace, wiring: Wiring) -> str | None:
         start = tuple(wiring.start)
         reached = bool(space.goal_connected[start])
         return None if reached else f"nothing is driven: no path of free cells joins the start cell {start} to a goal"
-    if wiring.drive == "uniform":
+    if wiring.drive == "uniform" or wiring.leak:
         return None
     return None if _touches_obstacle(space, edges, space.goal_connected) else FLAT
 
@@ -165,12 +168,13 @@ def _touches_obstacle(space: ConfigurationSpace, edges: Sequence[str], cells: ND
     return False
 
 
-def require_netlist_memory(shape: tuple[int, ...], remedy: Remedy = FEWER_CELLS) -> None:
+def require_netlist_memory(shape: tuple[int, ...], remedy: Remedy = FEWER_CELLS, *, has_leak: bool = False) -> None:
     """Raise BudgetError for a grid whose netlist does not fit in memory.
 
-    `shape`: number of cells along every axis; `remedy`: advice in the message.
+    `shape`: number of cells along every axis; `remedy`: advice in the message; `has_leak`: whether every free node has
+    a leak resistor.
     """
-    require_grid_memory(shape, "compiling the grid", _PEAK * len(shape), remedy)
+    require_grid_memory(shape, "compiling the grid", _PEAK * (len(shape) + has_leak), remedy)
 
 
 def _number_nodes(space: ConfigurationSpace, wiring: Wiring, kind: NDArray[np.uint8]) -> _Nodes:
@@ -181,7 +185,8 @@ def _number_nodes(space: ConfigurationSpace, wiring: Wiring, kind: NDArray[np.ui
     own = kind[(slice(1, -1),) * space.ndim] == CellRole.NODE
     if wiring.start is not None:
         own[wiring.start] = True
-    obstacle = GROUND + 1 if not wiring.is_driven and np.any(kind == CellRole.HIGH) else _NO_NODE
+    has_rail = wiring.leak > 0 or (not wiring.is_open and bool(np.any(kind == CellRole.HIGH)))
+    obstacle = GROUND + 1 if has_rail else _NO_NODE
     first = GROUND + 1 + (obstacle >= 0)
     goals = tuple(range(first, first + space.goal_count)) if wiring.rails == "merged" else ()
     first += len(goals)
@@ -193,7 +198,7 @@ def _number_nodes(space: ConfigurationSpace, wiring: Wiring, kind: NDArray[np.ui
     node[own] = numbers
     free = numbers if wiring.rails == "merged" else node[own & (space.cell == Cell.FREE)]
     if goals:
-        node[space.cell == Cell.OBSTACLE] = obstacle
+        node[space.cell == Cell.OBSTACLE] = _NO_NODE if wiring.is_open else obstacle
         goal = space.cell == Cell.GOAL
         node[goal] = np.array(goals)[space.goal_region[goal]]
     return _Nodes(node, free, obstacle, goals, first + count)
@@ -204,7 +209,7 @@ def _resistors(space: ConfigurationSpace, contacts: GridContacts, nodes: _Nodes)
 
     `contacts`: contacts of the grid, each of which has one resistor; `nodes`: node numbers.  A direction is True if the
     second node lies at the higher coordinate.  Resistors are ordered by axis; for each axis, resistors at the border of
-    the grid come last.
+    the grid come last.  The leaks of the free nodes follow, with the face numbers ``-2 - cell``.
     """
     wide = with_margin(nodes.cell, space.periodic, beyond=nodes.obstacle)
     parts = [
@@ -214,9 +219,10 @@ def _resistors(space: ConfigurationSpace, contacts: GridContacts, nodes: _Nodes)
     ]
     ends = np.cumsum([0, *(np.count_nonzero(slab(contacts.joined[axis], axis, *faces)) for axis, *faces in parts)])
     starts = np.cumsum([0, *face_counts(space.shape)])
-    pairs, siemens = np.empty((ends[-1], 2), dtype=np.int32), np.empty(ends[-1])
-    face = np.empty(ends[-1], dtype=np.int32 if starts[-1] < 2**31 else np.int64)
-    upward = np.empty(ends[-1], dtype=np.bool_)
+    count = int(ends[-1]) + (nodes.free.size if contacts.leak else 0)
+    pairs, siemens = np.empty((count, 2), dtype=np.int32), np.empty(count)
+    face = np.empty(count, dtype=np.int32 if starts[-1] < 2**31 else np.int64)
+    upward = np.empty(count, dtype=np.bool_)
     for (axis, first, last), at in zip(parts, map(slice, ends, ends[1:]), strict=False):
         kept = slab(contacts.joined[axis], axis, first, last)
         rises = space.periodic[axis] or first > 0  # otherwise the rail lies below the cell, and is the second node
@@ -227,6 +233,11 @@ def _resistors(space: ConfigurationSpace, contacts: GridContacts, nodes: _Nodes)
         numbers = np.arange(*starts[axis : axis + 2], dtype=face.dtype).reshape(face_shape(space.shape, axis))
         face[at] = slab(numbers, axis, first, last)[kept]
         del numbers
+    if contacts.leak:
+        at = slice(ends[-1], count)
+        pairs[at, 0], pairs[at, 1] = nodes.free, nodes.obstacle
+        siemens[at], upward[at] = contacts.leak, True
+        face[at] = -2 - np.flatnonzero((space.cell == Cell.FREE) & (nodes.cell != _NO_NODE))
     return pairs, siemens, face, upward
 
 
@@ -281,6 +292,11 @@ class GridContacts:
             siemens[walled] = 1.0 / (1.0 / siemens[walled] + self.wiring.wall_resistance)
         return siemens
 
+    @property
+    def leak(self) -> float:
+        """Conductance of the leak of every free cell with a node to the high rail, in siemens; 0 without a leak."""
+        return self.wiring.leak_conductance(self.spacing)
+
     @cached_property
     def conductance(self) -> tuple[NDArray[np.float64], ...]:
         """Conductances through all faces of the box, in siemens, one array per axis; 0 without a contact.
@@ -304,7 +320,7 @@ def contacts_of_box(
     """
     code = with_margin(space.cell, space.periodic, box, beyond=Cell.OBSTACLE)
     high, low = (CellRole.HIGH, CellRole.LOW) if wiring.rails == "merged" else (CellRole.NODE, CellRole.NODE)
-    is_open = wiring.boundary == "neumann"
+    is_open = wiring.is_open
     free = CellRole.NONE if is_open and connected else CellRole.NODE
     kind = np.array((free, CellRole.NONE if is_open else high, low), dtype=np.uint8)[code]
     if is_open and connected:
@@ -334,7 +350,7 @@ def _set_margin(kind: NDArray[np.uint8], axis: int, wiring: Wiring, size: int, e
     edge = wiring.edge[axis]
     if edge == "periodic" and size > 1:
         return
-    tied = edge == "obstacle" and wiring.boundary != "neumann"
+    tied = edge == "obstacle" and not wiring.is_open
     for reached, place in zip(ends, (0, -1), strict=True):
         if reached:
             np.moveaxis(kind, axis, 0)[place] = CellRole.HIGH if tied else CellRole.NONE

@@ -19,6 +19,8 @@ from resgrid.core.networkx_graphs import (
     column_of,
     fields_of,
     graph_of,
+    no_pairs,
+    no_values,
     node_numbers,
 )
 from resgrid.errors import InputError
@@ -54,10 +56,10 @@ class CellMap:
     node : ndarray of int32, shape of the space
         Node of every cell, -1 for a cell without a node.  If rails are merged, a rail cell has the node of its rail.
     resistor_face : ndarray of int32 or int64, shape (resistors,)
-        Cell face that each resistor crosses, -1 for a switch, a rail segment or the load of the read-out.  Faces are
-        numbered axis by axis.  Along an axis there are ``cells + 1`` faces, in C order of an array of shape
-        `resgrid.core.regions.face_shape`.  Face ``i`` is the lower face of cell ``i``.  On a periodic axis the last
-        face equals the first one and is not used.
+        Cell face that each resistor crosses; -1 for a switch, a rail segment or the load of the read-out, ``-2 - cell``
+        for a leak.  Faces are numbered axis by axis.  Along an axis there are ``cells + 1`` faces, in C order of an
+        array of shape `resgrid.core.regions.face_shape`.  Face ``i`` is the lower face of cell ``i``.  On a periodic
+        axis the last face equals the first one and is not used.
     resistor_upward : ndarray of bool, shape (resistors,)
         Whether the first node of each resistor is on the lower side of the face.
     free_node : ndarray of int32, shape (free nodes,)
@@ -72,6 +74,8 @@ class CellMap:
         Whether the first node of each nonlinear resistor is on the lower side of the face.
     rail_nodes : mapping of str to ndarray of int32, shape of the space
         Node at each cell of every rail with resistance, by name of the rail; -1 where the cell's node is on the rail.
+    leak_cell : ndarray of int32 or int64, shape (resistors,)
+        Flat index of the cell whose leak each resistor is, -1 for others.  Compiled leaks come last, as `free_node`.
     """
 
     space: ConfigurationSpace
@@ -90,13 +94,10 @@ class CellMap:
         for name in ("node", "free_node"):
             object.__setattr__(self, name, np.ascontiguousarray(getattr(self, name), dtype=np.int32))
 
-
-def _no_pairs() -> NDArray[np.int32]:
-    return np.empty((0, 2), dtype=np.int32)
-
-
-def _no_values() -> NDArray[np.float64]:
-    return np.empty(0)
+    @property
+    def leak_cell(self) -> NDArray[np.integer[Any]]:
+        """Flat index (C order) of the cell whose leak to the obstacle rail each resistor is; -1 for other resistors."""
+        return np.asarray(np.maximum(-2 - self.resistor_face, -1), dtype=self.resistor_face.dtype)
 
 
 @frozen
@@ -153,20 +154,20 @@ class Netlist:
     node_count: int
     resistor_nodes: NDArray[np.int32]
     conductance: NDArray[np.float64]
-    source_nodes: NDArray[np.int32] = field(default_factory=_no_pairs)
-    source_volts: NDArray[np.float64] = field(default_factory=_no_values)
-    current_nodes: NDArray[np.int32] = field(default_factory=_no_pairs)
-    current_amps: NDArray[np.float64] = field(default_factory=_no_values)
-    capacitor_nodes: NDArray[np.int32] = field(default_factory=_no_pairs)
-    capacitance: NDArray[np.float64] = field(default_factory=_no_values)
+    source_nodes: NDArray[np.int32] = field(default_factory=no_pairs)
+    source_volts: NDArray[np.float64] = field(default_factory=no_values)
+    current_nodes: NDArray[np.int32] = field(default_factory=no_pairs)
+    current_amps: NDArray[np.float64] = field(default_factory=no_values)
+    capacitor_nodes: NDArray[np.int32] = field(default_factory=no_pairs)
+    capacitance: NDArray[np.float64] = field(default_factory=no_values)
     tc1: NDArray[np.float64] | None = None
     tc2: NDArray[np.float64] | None = None
     cell_map: CellMap | None = None
     node_names: tuple[str, ...] | None = None
     element_names: Mapping[str, tuple[str, ...]] | None = None
-    nonlinear_nodes: NDArray[np.int32] = field(default_factory=_no_pairs)
-    nonlinear_current: NDArray[np.float64] = field(default_factory=_no_values)
-    nonlinear_voltage: NDArray[np.float64] = field(default_factory=_no_values)
+    nonlinear_nodes: NDArray[np.int32] = field(default_factory=no_pairs)
+    nonlinear_current: NDArray[np.float64] = field(default_factory=no_values)
+    nonlinear_voltage: NDArray[np.float64] = field(default_factory=no_values)
 
     def __post_init__(self) -> None:
         if not isinstance(self.node_count, int | np.integer) or not 1 <= self.node_count <= MOST_NODES:

@@ -37,6 +37,16 @@ Edge: TypeAlias = tuple[Hashable, Hashable, Mapping[str, Any]]
 """First node, second node, and attributes of an edge of a graph."""
 
 
+def no_pairs() -> NDArray[np.int32]:
+    """Return an empty array of node pairs, shape (0, 2)."""
+    return np.empty((0, 2), dtype=np.int32)
+
+
+def no_values() -> NDArray[np.float64]:
+    """Return an empty array of values, shape (0,)."""
+    return np.empty(0)
+
+
 def check_node_names(names: Any, count: int) -> None:
     """Raise InputError unless the node names are None or a list of different strings; `count`: number of nodes."""
     if names is None:

@@ -1,8 +1,8 @@
 """Random values of a chip's resistors, one per site on the die.
 
-A site is a position on the die: the face between two cells that a resistor crosses. Every random effect has its own
-random stream, and a value belongs to a site, not to an index of the netlist. A seed therefore gives one chip for any
-order of effects and for any scene that the chip is switched to.
+A site is a position on the die: the face between two cells that a resistor crosses, or a cell with a leak. Every random
+effect has its own random stream, and a value belongs to a site, not to an index of the netlist. A seed therefore gives
+one chip for any order of effects and for any scene that the chip is switched to.
 """
 
 from __future__ import annotations
@@ -24,26 +24,36 @@ MISMATCH, DEFECTS, OFFSET, NOISE = 1, 2, 3, 4
 
 
 def site_count(netlist: Netlist) -> int:
-    """Return the number of sites of resistors: the faces of the grid, or the resistors of a netlist without cells."""
+    """Return the number of sites of resistors: the faces of the grid, or the resistors of a netlist without cells.
+
+    With a leak, the cells follow the faces.
+    """
     if netlist.cell_map is None:
         return len(netlist.conductance) + len(netlist.nonlinear_current)
-    return sum(face_counts(netlist.cells.space.shape))
+    cells = netlist.cells
+    return sum(face_counts(cells.space.shape)) + (cells.space.cell.size if cells.wiring.leak else 0)
 
 
 def resistor_sites(netlist: Netlist) -> tuple[NDArray[np.integer[Any]], NDArray[np.integer[Any]]]:
     """Return the sites of the resistors (resistors,) and of the nonlinear resistors (nonlinear resistors,).
 
-    A site is the number of the face that the resistor crosses, -1 for switches, rail segments and loads of the
-    read-out.  In a netlist without cells, sites are the indices of the resistors, linear ones first.
+    A site is the number of the face that the resistor crosses, or the number of faces plus the flat index of the cell
+    whose leak the resistor is; -1 for switches, rail segments and loads of the read-out.  In a netlist without cells,
+    sites are the indices of the resistors, linear ones first.
     """
     if netlist.cell_map is None:
         linear = len(netlist.conductance)
         return np.arange(linear), np.arange(linear, site_count(netlist))
-    return netlist.cells.resistor_face, netlist.cells.nonlinear_face
+    linear_face, nonlinear_face = netlist.cells.resistor_face, netlist.cells.nonlinear_face
+    if not netlist.cells.wiring.leak:
+        return linear_face, nonlinear_face
+    faces = sum(face_counts(netlist.cells.space.shape))
+    first, second = (np.where(face < -1, faces - 2 - face, face) for face in (linear_face, nonlinear_face))
+    return first, second
 
 
 def on_grid(netlist: Netlist) -> NDArray[np.bool_]:
-    """Return a mask (resistors,) of the grid's resistors, without switches, rail segments and read-out loads."""
+    """Return a mask (resistors,) of the resistors of the grid, leaks included, but no switches, rails and loads."""
     return np.asarray(resistor_sites(netlist)[0] >= 0)
 
 
@@ -64,7 +74,7 @@ def end_names(netlist: Netlist, resistors: NDArray[np.int64]) -> list[list[str]]
 def scale_resistances(netlist: Netlist, factor: NDArray[np.float64]) -> Netlist:
     """Return the netlist with every grid resistance multiplied by a factor.
 
-    `factor` (sites,): factor of every site, that is of every face of the grid.
+    `factor` (sites,): factor of every site, that is of every face of the grid and of the leak of every cell.
     """
     linear, nonlinear = resistor_sites(netlist)
     padded = np.append(factor, 1.0)  # for site -1

@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, Literal, TypedDict
 
 import numpy as np
+from numpy.typing import NDArray
 
 from resgrid._internal.validation import checked
 from resgrid.core.cell import Cell
@@ -17,6 +18,9 @@ Boundary = Literal["dirichlet", "neumann", "wall"]
 Drive = Literal["uniform", "start"]
 EdgeRule = Literal["obstacle", "open", "periodic"]
 Rails = Literal["merged", "cells"]
+
+_LEAST_SIEMENS = float(np.finfo(np.float64).tiny)
+"""Smallest conductance of a leak, in siemens: the smallest normal number of float64."""
 
 
 class WiringOptions(TypedDict, total=False):
@@ -38,6 +42,7 @@ class WiringOptions(TypedDict, total=False):
     goal_voltage: float
     wall_resistance: float | None
     start: Sequence[int] | None
+    leak: float
 
 
 @checked
@@ -54,7 +59,7 @@ class Wiring:
         `wall_resistance` (a Robin condition).
     drive : {"uniform", "start"}, optional
         Source of current with open obstacles: equal currents into all goal-connected free nodes (default), or the start
-        cell tied to the high rail.  None for other boundary conditions.
+        cell tied to the high rail.  None for other boundary conditions, and for open obstacles with a leak.
     edge : {"obstacle", "open"} or a sequence of these
         Boundary condition at the edge of the grid, for all axes or per axis: the edge acts as an obstacle, or is open.
         Periodic axes have no edge.
@@ -71,6 +76,11 @@ class Wiring:
         Resistance in series with every obstacle contact for ``boundary="wall"``, in ohms; 0 is Dirichlet.
     start : sequence of int, optional
         Index of the start cell along every axis, for ``drive="start"``.
+    leak : float
+        Leak of every free node to the obstacle rail, in 1 / (unit of the axes)^2; 0 for no leak.  The drop ``u`` from
+        the obstacle rail then solves the screened Poisson equation ``div(c grad u) = leak u``, and falls by a factor of
+        e per ``1 / sqrt(leak)`` (at conductivity 1, far from obstacles).  Open obstacles need no drive then, since the
+        leak drives the grid.
 
     Raises
     ------
@@ -96,16 +106,17 @@ class Wiring:
     goal_voltage: float = 0.0
     wall_resistance: float | None = None
     start: Sequence[int] | None = None
+    leak: float = 0.0
 
     def __post_init__(self) -> None:
-        self._check_drive()
         self._check_values()
+        self._check_drive()
         normal: dict[str, Any] = {
-            "drive": "uniform" if self.boundary == "neumann" and self.drive is None else self.drive,
+            "drive": "uniform" if self.is_open and not self.leak and self.drive is None else self.drive,
             "edge": self.edge if isinstance(self.edge, str) else tuple(self.edge),
             "start": None if self.start is None else tuple(int(index) for index in self.start),
         }
-        normal |= {name: float(getattr(self, name)) for name in ("resistance", "supply", "goal_voltage")}
+        normal |= {name: float(getattr(self, name)) for name in ("resistance", "supply", "goal_voltage", "leak")}
         for name, value in normal.items():
             object.__setattr__(self, name, value)
 
@@ -118,6 +129,11 @@ class Wiring:
                     "drives the grid; leave out drive and start, or choose boundary = 'neumann'"
                 )
             return
+        if self.leak and (self.drive is not None or self.start is not None):
+            raise InputError(
+                f"leak = {self.leak:g} drives a grid with open obstacles from the obstacle rail, and drive = "
+                f"{self.drive or 'start'!r} would be a second source; leave out drive and start, or set leak = 0"
+            )
         if (self.drive == "start") != (self.start is not None):
             raise InputError(
                 f"drive = {self.drive!r} and start = {self.start!r} do not fit: drive = 'start' requires a start cell, "
@@ -131,6 +147,10 @@ class Wiring:
         if not (np.isfinite(self.supply) and self.supply != 0 and np.isfinite(self.goal_voltage)):
             raise InputError(
                 f"supply = {self.supply} V and goal_voltage = {self.goal_voltage} V must be finite, and supply not 0"
+            )
+        if not 0 <= self.leak < np.inf:
+            raise InputError(
+                f"leak = {self.leak}, but it must be finite and not negative, in 1 / (unit of the axes)^2; 0 is no leak"
             )
         wall = self.wall_resistance
         if self.boundary != "wall":
@@ -146,14 +166,49 @@ class Wiring:
             )
 
     @property
-    def is_driven(self) -> bool:
-        """Whether obstacles are open, so that current sources or a start cell drive the grid."""
+    def is_open(self) -> bool:
+        """Whether obstacles are open, so that no current flows between them and the grid."""
         return self.boundary == "neumann"
+
+    @property
+    def is_driven(self) -> bool:
+        """Whether current sources or a start cell drive the grid, in place of an obstacle rail."""
+        return self.is_open and not self.leak
 
     @property
     def high(self) -> float:
         """Voltage of the high (obstacle) rail, in volts."""
         return self.goal_voltage + self.supply
+
+    def leak_conductance(self, spacing: NDArray[np.float64]) -> float:
+        """Return the conductance of the leak of one free node to the obstacle rail, ``leak * h_ref**2 / R``.
+
+        With the conductances ``(h_ref / h_a)**2 c / R`` between neighbours, Kirchhoff's current law at a free node is
+        the finite-volume form of ``div(c grad u) = leak u``.
+
+        Parameters
+        ----------
+        spacing : ndarray of float64, shape (ndim,)
+            Cell widths; ``h_ref`` is the smallest.
+
+        Returns
+        -------
+        float
+            Conductance in siemens, 0 without a leak.
+
+        Raises
+        ------
+        InputError
+            If the conductance of a positive leak underflows or overflows.
+        """
+        width = float(np.min(spacing))
+        siemens = self.leak * width / self.resistance * width
+        if self.leak and not _LEAST_SIEMENS <= siemens < np.inf:
+            raise InputError(
+                f"leak = {self.leak:g} with cells {width:g} wide is a conductance of {siemens:g} S, outside the range "
+                f"from {_LEAST_SIEMENS:g} S; choose another leak (1 / leak^0.5 is the screening length), or 0"
+            )
+        return siemens
 
     def edges(self, space: ConfigurationSpace) -> tuple[EdgeRule, ...]:
         """Return the edge rule of every axis of a space.
@@ -206,14 +261,15 @@ class Wiring:
         return replace(self, edge=self.edges(space))
 
     def opened(self) -> Wiring:
-        """Return a copy of the wiring with open obstacles and a uniform drive, for the Neumann part of a blend.
+        """Return a copy of the wiring with open obstacles, driven uniformly or by the leak, for a blend's Neumann part.
 
         Returns
         -------
         Wiring
-            The wiring without `wall_resistance` and `start`.
+            The wiring without `wall_resistance` and `start`; with a leak, also without a drive.
         """
-        return replace(self, boundary="neumann", drive="uniform", wall_resistance=None, start=None)
+        drive: Drive | None = None if self.leak else "uniform"
+        return replace(self, boundary="neumann", drive=drive, wall_resistance=None, start=None)
 
 
 _NO_OPTIONS_OF_BOUNDARY: dict[str, Any] = {"drive": None, "start": None, "wall_resistance": None}
@@ -225,12 +281,15 @@ def wiring_of(wiring: Wiring | None, options: Mapping[str, Any], default: Mappin
 
     `wiring`: wiring to change, None for a new wiring from the fields `default`; `options`: new values of fields by
     name; None keeps the old value; `default`: fields of a new wiring.  A change of the boundary condition resets the
-    fields ``drive``, ``start`` and ``wall_resistance``, and takes the wall resistance of `default`.
+    fields ``drive``, ``start`` and ``wall_resistance``, and takes the wall resistance of `default`.  A leak replaces a
+    uniform drive.
     """
     _check_names(options)
     given = {name: value for name, value in options.items() if value is not None}
     if wiring is None:
         return Wiring(**{**(default or {}), **given})
+    if given.get("leak") and wiring.drive == "uniform":
+        given = {"drive": None, **given}
     if given.get("boundary", wiring.boundary) == wiring.boundary:
         return replace(wiring, **given)
     wall = (default or {}).get("wall_resistance")

@@ -240,6 +240,11 @@ def _problems(space: ConfigurationSpace, kind: Kind, wiring: Wiring) -> Iterator
             f"drive = 'uniform' needs {count} current sources, one for each free cell, and a board has only resistors; "
             "choose --drive start with one --start X,Y (the start is at the supply), or --boundary dirichlet"
         )
+    if wiring.leak:
+        yield (
+            f"leak = {wiring.leak:g} adds a resistor from every free cell to the obstacle rail, for which a board has "
+            "no place; set leak = 0, or write a deck with 'resgrid compile'"
+        )
     if wiring.supply < 0:
         yield f"supply = {wiring.supply:g} V, but the rail of the obstacles is positive; give a supply above 0 V"
     if wiring.goal_voltage != 0:

@@ -248,6 +248,11 @@ def _drawable_wiring(space: ConfigurationSpace, wiring: Wiring) -> Wiring:
             "boundary = 'neumann' with drive = 'uniform' injects a current into every cell, and a layout of resistors "
             "has no current sources; set drive = 'start' with a start, or choose boundary = 'dirichlet' or 'wall'"
         )
+    if wiring.leak:
+        raise InputError(
+            f"leak = {wiring.leak:g} adds a resistor from every free cell to the obstacle rail, which a layout does "
+            "not draw; set leak = 0, or write a deck with 'resgrid compile'"
+        )
     return wiring_of(wiring, {"rails": "merged"})
 
 

@@ -45,10 +45,10 @@ class Drawing:
     `title`: title of the scene; `axes`: two axes of the grid; `edge`: rule at the border of the grid, for each axis;
     `cell` (nx, ny): codes of `Cell`; `level` (nx, ny): index of each cell's conductivity in `palette`; `palette`:
     relative conductivities; `starts` (n, 2): in axis units; `k`: weight of the Dirichlet field, 0 to 1; `wall`: wall
-    resistance in ohms, 0 for no wall; `driven`: whether every start drives a circuit of its own, with open obstacles
-    (the page shows the field of the first); `chip`: keys and values of the ``[chip]`` table of the scene; `world`: for
-    an arm, the document (keys and tables) of its scene, with the workspace from which the cells are computed, else
-    None; `broken`: open resistors, as cell (i, j) and axis, for the resistor at the cell's lower face across the axis;
+    resistance in ohms, 0 for no wall; `leak`: leak to the obstacle rail, in 1 / (unit of the axes)^2; `driven`: whether
+    every start drives a circuit of its own, with open obstacles (the page shows the field of the first); `chip`: keys
+    and values of the ``[chip]`` table of the scene; `world`: for an arm, the document (keys and tables) of its scene,
+    with the workspace from which the cells are computed, else None; `broken`: open resistors, as cell (i, j) and axis, for the resistor at the cell's lower face across the axis;
     `goal_points`: configurations that solve the goal, as flat index of the cell in C order and point in axis units.
     """
 
@@ -66,6 +66,7 @@ class Drawing:
     world: Mapping[str, Any] | None = None
     broken: tuple[tuple[int, int, int], ...] = ()
     goal_points: tuple[tuple[int, float, float], ...] = ()
+    leak: float = 0.0
 
     @property
     def space(self) -> ConfigurationSpace:
@@ -93,7 +94,7 @@ class Drawing:
         options: dict[str, Any] = {key: chip[key] for key in ("resistance", "supply") if key in chip}
         if self.wall:
             options["wall_resistance"] = self.wall
-        wiring = Wiring("wall" if self.wall else "dirichlet", edge=self.edge, **options)
+        wiring = Wiring("wall" if self.wall else "dirichlet", edge=self.edge, leak=self.leak, **options)
         return Problem(self.space, wiring, () if self.driven else (self.k,), self.starts, self.driven)
 
     def document(self) -> dict[str, Any]:
@@ -112,12 +113,16 @@ class Drawing:
             document |= {"boundary": "neumann", "drive": "start"}
         else:
             document |= {"boundary": "wall" if self.wall else "dirichlet", "k": [self.k]}
+        if self.leak:
+            document["leak"] = self.leak
         rules = tuple(rule for rule in self.edge if rule != "periodic")
         document["edge"] = list(self.edge if len(set(rules)) > 1 else rules[:1] or ("obstacle",))
         document["starts"] = self.starts.tolist()
         document["chip"] = chip
         if self._has_cells_of_world():
-            kept = {key: value for key, value in (self.world or {}).items() if key not in ("boundary", "drive", "k")}
+            kept = {
+                key: value for key, value in (self.world or {}).items() if key not in ("boundary", "drive", "k", "leak")
+            }
             return {key: value for key, value in (kept | document).items() if value not in ([], {})}
         document["sampling"] = "centre"
         document["grid"] = {"axes": [_axis_table(axis) for axis in self.axes]}
@@ -194,6 +199,7 @@ def drawing_of(scene: Scene) -> Drawing:
         broken=tuple(tuple(place) for place in broken),
         world=None if scene.robot.base is None or scene.map is not None else document,
         goal_points=_goal_points(space),
+        leak=scene.leak,
     )
 
 
@@ -205,7 +211,7 @@ def is_same_circuit(one: Drawing, other: Drawing) -> bool:
 
     def parts(drawing: Drawing) -> tuple[object, ...]:
         driver = tuple(drawing.starts[0]) if drawing.driven else None
-        rules = drawing.edge, drawing.k, drawing.wall, drawing.driven, driver, sorted(drawing.broken)
+        rules = drawing.edge, drawing.k, drawing.wall, drawing.leak, drawing.driven, driver, sorted(drawing.broken)
         return drawing.axes, rules, dict(drawing.chip or {})
 
     if one.cell.shape != other.cell.shape or not np.array_equal(one.cell, other.cell):

@@ -55,6 +55,7 @@ class DrawingHead(TableModel):
     starts: Annotated[list[_Point], Len(0, 50)]
     k: Annotated[float, Ge(0), Le(1)]
     wall: Annotated[float, Ge(0), Le(1e30)]
+    leak: Annotated[float, Ge(0), Le(1e30)] = 0.0
     driven: bool
     chip: dict[str, Any] = Field(default_factory=dict)
     world: dict[str, Any] | None = None
@@ -171,6 +172,7 @@ def write_drawing(drawing: Drawing) -> tuple[dict[str, Any], bytes]:
         "starts": drawing.starts.tolist(),
         "k": drawing.k,
         "wall": drawing.wall,
+        "leak": drawing.leak,
         "driven": drawing.driven,
         "chip": dict(drawing.chip or {}),
         "broken": [list(place) for place in drawing.broken],

@@ -27,7 +27,7 @@ def blend(dirichlet: Field, neumann: Field, k: float, *, allow_start_drive: bool
     dirichlet : Field
         Field with obstacles at the high rail (``boundary`` ``"dirichlet"`` or ``"wall"``).
     neumann : Field
-        Field with open obstacles and a uniform drive.
+        Field with open obstacles and a uniform drive, or the leak of the Dirichlet field.
     k : float
         Weight of the Dirichlet field, in [0, 1].
     allow_start_drive : bool
@@ -42,7 +42,7 @@ def blend(dirichlet: Field, neumann: Field, k: float, *, allow_start_drive: bool
     Raises
     ------
     InputError
-        If k is out of range, the fields have the wrong boundaries, or they differ in space or edge rule.
+        If k is out of range, the fields have the wrong boundaries, or they differ in space, edge rule or leak.
 
     Examples
     --------
@@ -83,7 +83,7 @@ def check_k(k: float) -> None:
 
 
 def check_pair(dirichlet: Field, neumann: Field) -> None:
-    """Raise InputError unless the fields are Dirichlet and Neumann, in this order, of one space and one edge rule."""
+    """Raise InputError unless the fields are Dirichlet and Neumann, in this order, of one space, edge rule and leak."""
     if dirichlet.boundary not in {"dirichlet", "wall"} or neumann.boundary != "neumann":
         raise InputError(
             f"a blend takes a Dirichlet and a Neumann field, in this order; got {dirichlet.boundary!r} and "
@@ -91,6 +91,11 @@ def check_pair(dirichlet: Field, neumann: Field) -> None:
         )
     if dirichlet.space is not neumann.space and not _same_cells(dirichlet.space, neumann.space):
         raise InputError("the two fields belong to different spaces; compile both from one space")
+    if dirichlet.wiring.leak != neumann.wiring.leak:
+        raise InputError(
+            f"the two fields have leak = {dirichlet.wiring.leak:g} and {neumann.wiring.leak:g}; compile both with the "
+            "same leak"
+        )
     if dirichlet.edge != neumann.edge:
         raise InputError(
             f"the two fields have edges {dirichlet.edge} and {neumann.edge}; compile both with the same edge"

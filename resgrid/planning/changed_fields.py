@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.circuit.postprocess import DIRECTION_RESIDUAL
-from resgrid.core.compiler import GridContacts, contacts_of_box
+from resgrid.core.compiler import CellRole, GridContacts, contacts_of_box
 from resgrid.core.regions import by_axis
 from resgrid.core.space import ConfigurationSpace
 from resgrid.core.wiring import Wiring
@@ -79,6 +79,9 @@ class KeptCircuit:
         low, high = np.empty(self.shape), np.empty(self.shape)
         across, along = contacts.conductance
         split_contacts(contacts.kind, own, (across, along), wiring.resistance, inner, low, high)
+        leak = contacts.leak * wiring.resistance
+        if leak:
+            high[own] += leak
         fraction = self._elimination.update(*inner, low + high, own)
         if fraction is None:
             raise NotSolvedError("a pivot of the elimination left the range of doubles")
@@ -90,9 +93,12 @@ class KeptCircuit:
         else:
             log_drop = np.empty(self.shape)
             write_values(contacts.kind, own, *self._between(own, low, high), values, potential, log_drop)
-        direction, log_current = _safe_currents(contacts, values, wiring.resistance, injected)
+            if wiring.is_open:  # open obstacles and unconnected cells have no node
+                potential[contacts.kind[1:-1, 1:-1] == CellRole.NONE] = np.nan
+                log_drop[contacts.kind[1:-1, 1:-1] == CellRole.NONE] = np.nan
+        direction, log_current = _safe_currents(contacts, values, wiring.resistance, (injected, leak))
         currents = by_axis(direction, self.shape), by_axis(log_current, self.shape)
-        return Field(space, wiring, potential, log_drop, *currents, 0.0 if wiring.is_driven else 1.0), fraction
+        return Field(space, wiring, potential, log_drop, *currents, 0.0 if wiring.is_open else 1.0), fraction
 
     def _driven(self, own: Bools) -> tuple[Floats, float]:
         """Return heights above the goal rail as fractions of the largest height, and the current injected per cell.
@@ -135,12 +141,13 @@ def _empty_values(shape: tuple[int, ...]) -> Values:
 
 
 def _safe_currents(
-    contacts: GridContacts, values: Values, resistance: float, injected: float
+    contacts: GridContacts, values: Values, resistance: float, source: tuple[float, float]
 ) -> tuple[NDArray[np.int8], Floats]:
     """Return signs and logarithms of all face currents, in units of supply / resistance, (faces,) each.
 
-    `contacts`: contacts of the plane; `values`: values of its cells; `injected`: current into every cell from a source,
-    in the same unit.  Raise NotSolvedError if the field is not direction-safe.
+    `contacts`: contacts of the plane; `values`: values of its cells; `source`: current into every cell from a source in
+    the same unit, and conductance of its leak to the high rail in units of 1 / resistance.  Raise
+    NotSolvedError if the field is not direction-safe.
     """
     from resgrid.planning import replanning_kernels as kernels
 
@@ -150,9 +157,9 @@ def _safe_currents(
     is_uncertain = np.empty(len(conductance), dtype=np.bool_)
     kernels.face_currents(values, conductance, resistance, amps, exponent, is_uncertain)
     through, scale = np.empty(shape), np.empty(shape, dtype=np.int64)
-    worst, stuck = kernels.check_cells(values.own, injected, amps, exponent, through, scale)
+    worst, stuck = kernels.check_cells(values, source, amps, exponent, through, scale)
     if kernels.drop_uncertain(amps, exponent, is_uncertain, through, scale):
-        worst, stuck = kernels.check_cells(values.own, injected, amps, exponent, through, scale)
+        worst, stuck = kernels.check_cells(values, source, amps, exponent, through, scale)
     if not worst <= DIRECTION_RESIDUAL or stuck:
         raise NotSolvedError(f"KCL is violated by {worst:.1e} of the current through a cell")
     direction, log_current = np.empty(len(amps), dtype=np.int8), np.empty(len(amps))

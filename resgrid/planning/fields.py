@@ -20,7 +20,7 @@ from resgrid.core.space import ConfigurationSpace
 from resgrid.core.wiring import Wiring
 from resgrid.errors import AccuracyError, CircuitError, InputError
 from resgrid.planning.clearance import obstacle_reach
-from resgrid.planning.kcl_check import between_rails, face_currents, obeys_kcl, safe_cells
+from resgrid.planning.kcl_check import between_rails, face_currents, leak_currents, obeys_kcl, safe_cells
 
 if TYPE_CHECKING:
     from resgrid.circuit.warm_start import WarmPoint
@@ -254,7 +254,7 @@ def field(op: OperatingPoint | WarmPoint) -> Field:
         (cells.resistor_face, cells.resistor_upward, op.resistor_direction, op.resistor_log_current),
         (cells.nonlinear_face, cells.nonlinear_upward, op.nonlinear_direction, op.nonlinear_log_amps),
     )
-    if np.any(cells.resistor_face < 0):
+    if np.any(cells.resistor_face == -1):
         _check_walls(result)
     safe = safe_cells(op)
     return result if safe is None else replace(result, safe=safe)
@@ -291,7 +291,7 @@ def read_field(
         log_drop=None if log_drop is None else _per_cell(cells, log_drop),
         face_direction=_wrapped(by_axis(direction, space.shape), space),
         face_log_current=_wrapped(by_axis(log_current, space.shape), space),
-        k=0.0 if cells.wiring.is_driven else 1.0,
+        k=0.0 if cells.wiring.is_open else 1.0,
     )
 
 
@@ -302,16 +302,15 @@ def read_cells(space: ConfigurationSpace, wiring: Wiring, voltage: NDArray[np.fl
     """
     at_goal = (space.cell == Cell.GOAL) | (space.goal_connected & np.isnan(voltage))
     volts = np.where(at_goal, wiring.goal_voltage, voltage)
-    volts[space.cell == Cell.OBSTACLE] = np.nan if wiring.is_driven else wiring.high
+    volts[space.cell == Cell.OBSTACLE] = np.nan if wiring.is_open else wiring.high
     if wiring.start is not None:
         volts[wiring.start] = wiring.high
     height = (volts - wiring.goal_voltage) * np.sign(wiring.supply)
     unit = np.nanmax(height) if wiring.drive == "uniform" else abs(wiring.supply)
-    contacts = contacts_of_box(space, wiring.on(space))
-    wide = with_margin(volts, space.periodic)
+    contacts, wide = contacts_of_box(space, wiring.on(space)), with_margin(volts, space.periodic)
     wide[contacts.kind == CellRole.HIGH] = wiring.high
     currents = face_currents(contacts.conductance, np.sign(wiring.supply) * wide)
-    if not unit > 0.0 or not any(current.any() for current in currents):
+    if not (unit > 0.0 and any(current.any() for current in currents)):
         raise CircuitError(
             "nothing is driven: all cells are at the voltage of the goal; move the goal, or open a passage to it"
         )
@@ -319,8 +318,9 @@ def read_cells(space: ConfigurationSpace, wiring: Wiring, voltage: NDArray[np.fl
     if check:
         driven = np.count_nonzero(space.goal_connected) if wiring.drive == "uniform" else 0
         injected = abs(wiring.supply) / (wiring.resistance * driven) if driven else 0.0
+        leaked, uncertain = leak_currents(contacts.leak, wiring, volts)
         safe = (space.cell == Cell.FREE) & between_rails(height, wiring)
-        safe &= obeys_kcl(contacts.conductance, wide, currents, injected)
+        safe &= obeys_kcl(contacts.conductance, wide, currents, injected + leaked, uncertain=uncertain)
         if wiring.start is not None:
             safe[wiring.start] = any(current.any() for current in currents)
     with np.errstate(divide="ignore"):
@@ -332,7 +332,7 @@ def read_cells(space: ConfigurationSpace, wiring: Wiring, voltage: NDArray[np.fl
         log_drop=None,
         face_direction=tuple(np.sign(current).astype(np.int8) for current in currents),
         face_log_current=log_current,
-        k=0.0 if wiring.is_driven else 1.0,
+        k=0.0 if wiring.is_open else 1.0,
         safe=safe,
     )
 
@@ -349,7 +349,7 @@ def undriven_field(space: ConfigurationSpace, wiring: Wiring) -> Field:
     """Return a field without currents: potential 0 in goal-connected cells, 1 in obstacles on a rail, NaN elsewhere."""
     faces = sum(face_counts(space.shape))
     potential = np.where(space.goal_connected | (space.cell == Cell.GOAL), 0.0, np.nan)
-    if not wiring.is_driven:
+    if not wiring.is_open:
         potential[space.cell == Cell.OBSTACLE] = 1.0
     return Field(
         space=space,
@@ -358,7 +358,7 @@ def undriven_field(space: ConfigurationSpace, wiring: Wiring) -> Field:
         log_drop=None,
         face_direction=by_axis(np.zeros(faces, dtype=np.int8), space.shape),
         face_log_current=by_axis(np.full(faces, -np.inf), space.shape),
-        k=0.0 if wiring.is_driven else 1.0,
+        k=0.0 if wiring.is_open else 1.0,
     )
 
 

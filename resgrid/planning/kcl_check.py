@@ -66,22 +66,38 @@ def face_currents(conductance: Faces, value: NDArray[np.float64]) -> list[NDArra
     return [np.nan_to_num(g * (before - behind)) for g, (before, behind) in zip(conductance, sides, strict=True)]
 
 
+def leak_currents(
+    leak: float, wiring: Wiring, volts: NDArray[np.float64]
+) -> tuple[NDArray[np.float64] | float, NDArray[np.float64] | float]:
+    """Return the currents of leaks into the cells, and the conductance times the absolute voltages at both ends.
+
+    Currents are positive from the obstacle rail; both are 0 without a leak.  `leak`: conductance of a leak; `volts`:
+    voltage of every cell, NaN without a node.
+    """
+    if not leak:
+        return 0.0, 0.0
+    currents = leak * np.nan_to_num(wiring.high - volts) * np.sign(wiring.supply)
+    return currents, leak * np.nan_to_num(abs(wiring.high) + np.abs(volts))
+
+
 def obeys_kcl(
     conductance: Faces,
     value: NDArray[np.float64],
     currents: Faces,
-    injected: float,
+    injected: float | NDArray[np.float64],
     *,
     held: NDArray[np.bool_] | bool = False,
+    uncertain: float | NDArray[np.float64] = 0.0,
 ) -> NDArray[np.bool_]:
     """Return the mask of cells of a box that obey KCL to 1e-6 of their through-current and have an outgoing current.
 
     `conductance`, `currents`: conductances and currents of the faces, one array per axis; `value`: voltages of the
-    cells and of a margin of one cell on each side; `injected`: current of a source into every cell; `held`: mask of
-    cells tied to voltage sources, for which the residual is not tested, shape of the box.
+    cells and of a margin of one cell on each side; `injected`: current of a source or leak into every cell, or one per
+    cell; `held`: mask of cells tied to voltage sources, for which the residual is not tested, shape of the box;
+    `uncertain`: for leaks, the conductance times the sum of the absolute voltages at both ends.
     """
     shape = sides_of_cells(currents[0], 0)[0].shape
-    net, total, rounding = (np.full(shape, start) for start in (injected, abs(injected), 0.0))
+    net, total, rounding = (np.full(shape, start) for start in (injected, np.abs(injected), uncertain))
     leaves, size = np.zeros(shape, dtype=np.bool_), np.abs(np.nan_to_num(value))
     for axis, (g, amps) in enumerate(zip(conductance, currents, strict=True)):
         below, above = sides_of_cells(amps, axis)

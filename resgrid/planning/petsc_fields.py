@@ -167,6 +167,8 @@ def write_equations(space: ConfigurationSpace, wiring: Wiring, folder: Path, rto
                 fed += np.where(beside == CellRole.LOW, here, 0.0)
             joined = np.where((lower == CellRole.NODE) & (upper == CellRole.NODE), g, 0.0)
             ahead[axis][first:last] = sides_of_cells(joined, axis)[1]
+        if contacts.leak:  # from the high rail, which is at 0
+            ties += np.where(space.cell[first:last] == Cell.FREE, contacts.leak * wiring.resistance, 0.0)
         ground[first:last] = np.where(inner, ties, 0.0)
         served = inner & space.goal_connected[first:last]
         driven |= bool(np.any(served if wiring.drive == "uniform" else served & (ties > fed)))
@@ -211,7 +213,9 @@ def read_rows(
     inside = (slice(1, -1),) * space.ndim
     own = contacts.kind[inside] == CellRole.NODE
     start = (contacts.kind[inside] == CellRole.HIGH) & (space.cell[slice(*rows)] == Cell.FREE)
-    safe = (own | start) & obeys_kcl(conductance, value, currents, 0.0 if falls else 1.0, held=~own)
+    leaked = contacts.leak * wiring.resistance * np.where(own, value[inside], 0.0)
+    injected = leaked if falls else np.ones_like(leaked)
+    safe = (own | start) & obeys_kcl(conductance, value, currents, injected, held=~own, uncertain=np.abs(leaked))
     return SlabReading(value[inside], currents, safe)
 
 
@@ -252,6 +256,6 @@ def _read(space: ConfigurationSpace, wiring: Wiring, answer: NDArray[np.float64]
         log_drop=log_drop,
         face_direction=directions,
         face_log_current=logs,
-        k=0.0 if wiring.is_driven else 1.0,
+        k=0.0 if wiring.is_open else 1.0,
         safe=safe,
     )

@@ -126,7 +126,7 @@ class Problem:
     def halves(self) -> dict[float, Wiring]:
         """Wirings by weight k: 1 (obstacles on the rail, through wall resistances if any) and 0 (open obstacles)."""
         wiring = self.wiring
-        closed = wiring_of(wiring, {"boundary": "dirichlet"}) if wiring.is_driven else wiring
+        closed = wiring_of(wiring, {"boundary": "dirichlet"}) if wiring.is_open else wiring
         return {1.0: closed, 0.0: wiring.opened()}
 
     @property
@@ -276,12 +276,13 @@ def problem_of(
 def scene_wiring(scene: Scene, wiring: Wiring | None = None, **options: Unpack[WiringOptions]) -> Wiring:
     """Return `wiring`, by default the scene's wiring, with the fields in `options` replaced.
 
-    Open obstacles get a uniform drive.
+    Open obstacles without a leak get a uniform drive.
     """
     boundary, chip = options.get("boundary") or scene.boundary, scene.chip.with_process()
     default: dict[str, Any] = {
         "boundary": boundary,
         "edge": scene.edge,
+        "leak": scene.leak,
         "resistance": chip.resistance,
         "supply": chip.supply,
     }

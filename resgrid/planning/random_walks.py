@@ -3,6 +3,11 @@
 From a node, the walk jumps along one of its resistors, with probability proportional to the conductance, until it is
 absorbed on a rail (Doyle & Snell 1984, section 1.3; Connolly 1997).  In continuous time, it jumps along a resistor of
 conductance ``g`` at the rate ``g / C``, where ``C`` is the capacitance of a node.
+
+A leak kills the walk: in every cell it ends on the obstacle rail at the rate ``leak D``, where ``D = h_ref**2 / (R C)``
+is the diffusivity.  The drop is then the probability of a goal before an obstacle and before this end.  It is also the
+Laplace transform ``u = E[exp(-leak D T)]`` of the time ``T`` to the goal in the circuit without the leak, where walks
+that hit an obstacle first count as 0.
 """
 
 from __future__ import annotations
@@ -120,7 +125,7 @@ def random_walk(circuit: Netlist | OperatingPoint | RandomWalk, *, method: str =
     ----------
     circuit : Netlist, OperatingPoint or RandomWalk
         Circuit compiled from a space, with ideal sources on each rail.  Obstacles are on a rail, behind wall
-        resistances, or open with a uniform drive.  A `RandomWalk` is returned unchanged.
+        resistances, or open with a uniform drive or a leak.  A `RandomWalk` is returned unchanged.
     method : {"auto", "direct", "multigrid"}
         Solution method of `resgrid.solve`.
 
@@ -183,18 +188,18 @@ class CollisionProbability:
     Attributes
     ----------
     success : ndarray of float64, shape of the space
-        Probability ``u`` of hitting a goal before an obstacle, 0 on underflow.
+        Probability ``u`` of hitting a goal before an obstacle (and before the end by a leak), 0 on underflow.
     log_success : ndarray of float64, shape of the space
         Natural logarithm of `success`, accurate even on underflow.
     time, steps : ndarray of float64, shape of the space
-        Expected time in units of ``R C`` and expected number of jumps until a goal or obstacle is hit (``G t = C``,
-        ``G n = D 1`` with the diagonal ``D`` of ``G``).  0 on goals and obstacles; infinite in cells that are connected
-        to neither.
+        Expected time in units of ``R C`` and expected number of jumps until a goal or obstacle is hit, or a leak ends
+        the walk (``G t = C``, ``G n = D 1`` with the diagonal ``D`` of ``G``).  0 on goals and obstacles; infinite in
+        cells that are connected to neither.
     time_given_success, steps_given_success : ndarray of float64, shape of the space
         Expectations over the walks that hit a goal (``s / u`` with ``G s = C u`` or ``G s = D u``); NaN where
         ``u`` is 0.
     collision : ndarray of float64, shape of the space
-        Probability ``1 - u`` of hitting an obstacle first, or of never hitting a goal.
+        Probability ``1 - u`` of hitting an obstacle first, of the end by a leak, or of never hitting a goal.
 
     Examples
     --------
@@ -224,8 +229,8 @@ def collision_probability(circuit: Netlist | OperatingPoint | RandomWalk) -> Col
 
     The walk jumps along a resistor with probability proportional to its conductance.  The drop ``u`` of the potential
     is the probability that the walk hits a goal before an obstacle (C. I. Connolly, Harmonic functions and collision
-    probabilities, Int. J. Robotics Research 16(4), 1997).  With open obstacles ``u`` is 1, and the expected time is
-    proportional to the uniformly driven potential.
+    probabilities, Int. J. Robotics Research 16(4), 1997).  With open obstacles and no leak ``u`` is 1, and the
+    expected time is proportional to the uniformly driven potential.
 
     Parameters
     ----------

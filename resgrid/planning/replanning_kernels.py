@@ -162,15 +162,17 @@ def face_currents(
 
 @kernel
 def check_cells(
-    own: Bools, injected: float, amps: Floats, exponent: Integers, through: Floats, scale: Integers
+    values: Values, source: tuple[float, float], amps: Floats, exponent: Integers, through: Floats, scale: Integers
 ) -> tuple[float, int]:
     """Return the largest violation of KCL relative to the through-current, and the number of cells without outflow.
 
-    `own` (nx + 2, ny + 2): cells with an equation; `injected`: current into each of them from a source; `amps,
-    exponent` (faces,): face currents.  Results (nx, ny): `through, scale`: through-currents ``through * 2**(256
-    scale)``, half the sums of the magnitudes; 0 in other cells.  Cells without any current are not counted.
+    `values`: values of the cells; `source`: current into each cell with an equation, and conductance of its leak to the
+    high rail; `amps, exponent` (faces,): face currents.  Results (nx, ny): `through, scale`: through-currents
+    ``through * 2**(256 scale)``, half the sums of the magnitudes; 0 in other cells.  Cells without any current are not
+    counted.
     """
     nx, ny = through.shape
+    own, (injected, leak) = values.own, source
     second = (nx + 1) * ny
     worst, stuck = 0.0, 0
     for i in range(nx):
@@ -179,13 +181,20 @@ def check_cells(
             if not own[i + 1, j + 1]:
                 continue
             lower, upper = (i * ny + j, second + i * (ny + 1) + j), ((i + 1) * ny + j, second + i * (ny + 1) + j + 1)
-            top = 0 if injected > 0.0 else NO_EXPONENT
+            top, leaked, at = 0 if injected > 0.0 else NO_EXPONENT, 0.0, 0
+            if leak > 0.0:
+                leaked, at = values.mantissa[i + 1, j + 1], values.exponent[i + 1, j + 1]
+                if not values.is_drop[i + 1, j + 1]:
+                    leaked, at = 1.0 - _shift(leaked, at), 0
+                leaked *= leak
+                top = max(top, at)
             for face in (lower[0], lower[1], upper[0], upper[1]):
                 if amps[face] != 0.0:
                     top = max(top, exponent[face])
             if top == NO_EXPONENT:
                 continue
-            net, total, leaves = injected, injected, False
+            net = injected + _shift(leaked, at - top)
+            total, leaves = net, False
             for axis in range(2):
                 into = _shift(amps[lower[axis]], exponent[lower[axis]] - top)
                 out = _shift(amps[upper[axis]], exponent[upper[axis]] - top)

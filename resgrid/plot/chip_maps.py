@@ -201,7 +201,7 @@ def draw_faults(result: FaultAnalysis, ax: Axes | None = None, *, fault: Literal
         x, y = cells.space.centre(np.stack(np.unravel_index(cell, cells.space.shape), axis=1)).T
         axes.scatter(
             x, y, c=worst, cmap=strength_map(), norm=norm, s=16, marker="s", edgecolor="white", linewidth=0.4,
-            zorder=5, label="a switch or load of the cell",
+            zorder=5, label=f"a switch{', leak' if cells.wiring.leak else ''} or load of the cell",
         )  # fmt: skip
     finish(plane, axes)
     add_colour_bar(lines, axes, "starts lost")

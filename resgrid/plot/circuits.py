@@ -126,6 +126,7 @@ def draw_compiled(netlist: Netlist, op: OperatingPoint | None, ax: Axes | None) 
         _draw_seam(netlist, int(number[resistor]), start[resistor], end[resistor], axes)
     _draw_nodes(netlist, op, axes)
     _draw_drive(netlist, axes)
+    _draw_leaks(netlist, axes)
     axes.set(xlim=(-around, right), ylim=(bottom, top), aspect="equal")
     axes.set_axis_off()
     refresh_legend(axes, columns=3 if columns >= 6 else 2, gap=0.6)
@@ -154,7 +155,7 @@ def _draw_rails(netlist: Netlist, axes: Axes) -> None:
 def resistor_note(netlist: Netlist) -> str:
     """Return the legend entry of the resistors: their values, or the range of more than three different values."""
     drawn = netlist.cells.resistor_face >= 0
-    hidden = int(np.count_nonzero(~drawn))
+    hidden = int(np.count_nonzero(netlist.cells.resistor_face == -1))
     rest = f"; not drawn: {hidden} of switches, rails, loads" if hidden else ""
     resistance = 1.0 / netlist.conductance[drawn]
     ohms = Counter(format_quantity(float(value), "Ω", 3) for value in resistance)
@@ -227,14 +228,28 @@ def _draw_drive(netlist: Netlist, axes: Axes) -> None:
     if not len(netlist.current_nodes):
         return
     cell = netlist.cell_of_node()[netlist.current_nodes[:, 1]]
+    label = f"current source, {format_quantity(float(netlist.current_amps.max()), 'A', 3)}"
+    _draw_arrows(netlist, cell, _DRIVE, label, axes)
+
+
+def _draw_leaks(netlist: Netlist, axes: Axes) -> None:
+    """Draw an arrow at every node with a leak, from the obstacle rail."""
+    leaks = netlist.cells.leak_cell >= 0
+    if leaks.any():
+        ohms = format_quantity(float(np.median(1.0 / netlist.conductance[leaks])), "Ω", 3)
+        label = f"leak from the obstacle rail, {ohms}"
+        _draw_arrows(netlist, netlist.cells.leak_cell[leaks].astype(np.int64), OBSTACLE, label, axes)
+
+
+def _draw_arrows(netlist: Netlist, cell: NDArray[np.int64], colour: str, label: str, axes: Axes) -> None:
+    """Draw an arrow to the node of each cell; `cell` (n,): flat indices of the cells; `label`: entry of the legend."""
     shape = netlist.cells.space.shape
     for x, y in np.stack(np.unravel_index(cell, (*shape, 1)[:2]), axis=1) + 0.5:
         axes.annotate(
             "", (x - 0.05, y - 0.05), (x - 0.32, y - 0.32), zorder=3,
-            arrowprops={"arrowstyle": "-|>", "color": _DRIVE, "linewidth": 1.0, "mutation_scale": 6, "shrinkB": 1.5},
+            arrowprops={"arrowstyle": "-|>", "color": colour, "linewidth": 1.0, "mutation_scale": 6, "shrinkB": 1.5},
         )  # fmt: skip
-    label = f"current source, {format_quantity(float(netlist.current_amps.max()), 'A', 3)}"
-    axes.add_line(Line2D([], [], linestyle="", marker=r"$\nearrow$", markersize=8, color=_DRIVE, label=label))
+    axes.add_line(Line2D([], [], linestyle="", marker=r"$\nearrow$", markersize=8, color=colour, label=label))
 
 
 def _supplies(netlist: Netlist) -> dict[tuple[str, float], list[int]]:
@@ -276,7 +291,9 @@ def rail_areas(cells: CellMap) -> tuple[BaseGeometry, BaseGeometry, BaseGeometry
     cell = in_plane(cells.space.cell)
     has_node = in_plane(cells.node) >= 0
     edges = (*cells.wiring.edges(cells.space), "open")[:2]
-    around = _bands(cell.shape, [rule == "obstacle" and cells.obstacle_node >= 0 for rule in edges])
+    around = _bands(
+        cell.shape, [rule == "obstacle" and cells.obstacle_node >= 0 and not cells.wiring.is_open for rule in edges]
+    )
     obstacles, goals = (_squares((cell == code) & has_node) for code in (Cell.OBSTACLE, Cell.GOAL))
     merged = cells.wiring.rails == "merged"
     return (

@@ -77,7 +77,13 @@ def _boundary_problems(settings: Any, values: Mapping[Path, Any], has_wall: bool
     boundary, drive = settings.boundary, settings.drive
     if boundary == "wall" and not has_wall:
         yield ("boundary",), 'boundary = "wall" needs wall_resistance in [chip], in ohms'
-    if drive is not None and boundary in ("dirichlet", "wall") and not any(k < 1 for k in settings.k):
+    if drive is not None and settings.leak:
+        yield (
+            ("leak",),
+            f"leak = {settings.leak:g} drives open obstacles from the obstacle rail, and drive = {drive!r} would be a "
+            "second source; remove drive, or set leak = 0",
+        )
+    elif drive is not None and boundary in ("dirichlet", "wall") and not any(k < 1 for k in settings.k):
         yield (
             ("drive",),
             f"a drive needs open obstacles, but with boundary = {boundary!r} the obstacles drive the grid; "

@@ -24,11 +24,11 @@ from resgrid.scene.maps.arrays import MapCells
 from resgrid.scene.maps.formats import read_map
 from resgrid.scene.mask import Mask
 from resgrid.scene.messages import report
-from resgrid.scene.quantities import Listed
+from resgrid.scene.quantities import Listed, Quantity
 from resgrid.scene.toml_lines import Path
 from resgrid.scene.world_coordinates import cell_centre
 
-IN_FILES = ("title", "boundary", "drive", "sampling", "k", "mask", "chip", "control")
+IN_FILES = ("title", "boundary", "drive", "leak", "sampling", "k", "mask", "chip", "control")
 """Attributes of `Scene` that are keys of a scene file with the same name and form."""
 
 LISTS = {"obstacle": "obstacles", "hidden": "hidden", "goal": "goals", "area": "areas"}
@@ -70,7 +70,10 @@ class Scene:
         Boundary condition at obstacles: tied to the obstacle rail, open, or in contact through a series resistance.
     drive : {"uniform", "start"} or None
         Drive of a grid with open obstacles: a uniform current into all free cells, or a start cell tied to the high
-        rail.  Default: uniform with open obstacles, otherwise no drive.
+        rail.  Default: uniform with open obstacles and no leak, otherwise no drive.
+    leak : float
+        Leak of every free cell to the obstacle rail, in 1 / (unit of the axes)^2: 1 / (screening length)^2, or 0 for no
+        leak.  Open obstacles then need no drive.
     edge : tuple of {"obstacle", "open", "periodic"}
         Boundary condition at the border of the grid: one for all axes, or one per axis.  Periodic axes have no border.
     k : tuple of float
@@ -117,6 +120,7 @@ class Scene:
     frame: Frame = field(default_factory=Frame)
     boundary: Boundary = "dirichlet"
     drive: Drive | None = None
+    leak: Annotated[float, Ge(0), Quantity("1/m^2")] = 0.0
     edge: tuple[EdgeRule, ...] = ()
     k: Annotated[tuple[Annotated[float, Ge(0), Le(1)], ...], Listed()] = ()
     chip: Chip = field(default_factory=Chip)

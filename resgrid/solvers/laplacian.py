@@ -130,7 +130,8 @@ class Rails:
 
     `high, low`: voltages of the rails, in volts; obstacles (or the driven start cell) are at `high`, goals at `low`;
     `size`: number of rows of the matrix; `row, conductance, at_high` (ties,): the row of each tie, its conductance in
-    siemens, and whether it leads to the high rail. A row may have several ties.
+    siemens, and whether it leads to the high rail. A row may have several ties; `leak`: conductance of the tie to the
+    high rail that every row has, in siemens, 0 if some rows have none.
     """
 
     high: float
@@ -139,6 +140,7 @@ class Rails:
     row: Indices
     conductance: Floats
     at_high: NDArray[np.bool_]
+    leak: float = 0.0
 
     @property
     def to_high(self) -> Floats:

@@ -46,19 +46,21 @@ class Gradient(Effect):
             raise InputError(f"gradient has {len(self.shares)} entries, but the space has {ndim} axes")
         share = np.zeros(ndim)
         share[: len(self.shares)] = self.shares
-        return random_sites.scale_resistances(netlist, 1 + (_face_centres(netlist.cells) - 0.5) @ share)
+        return random_sites.scale_resistances(netlist, 1 + (_site_centres(netlist.cells) - 0.5) @ share)
 
 
-def _face_centres(cells: CellMap) -> NDArray[np.float64]:
-    """Return the centres of all cell faces, shape (faces, axes), as fractions of the length of the die along each axis.
+def _site_centres(cells: CellMap) -> NDArray[np.float64]:
+    """Return the centres of all cell faces, shape (sites, axes), as fractions of the length of the die along each axis.
 
-    The lower end of the die is 0, the upper end 1.  `cells`: map of the cells, which numbers the faces.
+    The lower end of the die is 0, the upper end 1.  With a leak, the centres of the cells follow.  `cells`: map of the
+    cells, which numbers the faces.
     """
     shape = cells.space.shape
     parts = []
-    for axis in range(len(shape)):
+    for axis in range(len(shape) + bool(cells.wiring.leak)):
         ticks = [(np.arange(n) + 0.5) / n for n in shape]
-        ticks[axis] = np.arange(shape[axis] + 1) / shape[axis]
+        if axis < len(shape):
+            ticks[axis] = np.arange(shape[axis] + 1) / shape[axis]
         parts.append(np.stack([part.ravel() for part in np.meshgrid(*ticks, indexing="ij")], axis=1))
     return np.concatenate(parts)
 

@@ -16,7 +16,6 @@ from annotated_types import Ge
 from numpy.typing import NDArray
 
 from resgrid.chip.effects.base import Effect, add_nodes, cells_with_nodes, rail_pin, to_node
-from resgrid.core import random_sites
 from resgrid.core.cell import Cell
 from resgrid.core.compiler import compile_space
 from resgrid.core.netlist import GROUND, CellMap, Netlist, add_elements, select_elements
@@ -91,7 +90,7 @@ def _between_cells(netlist: Netlist, cells: CellMap) -> NDArray[np.bool_]:
     `netlist`.
     """
     to_edge = (netlist.resistor_nodes == cells.obstacle_node).any(axis=1) & (cells.obstacle_node >= 0)
-    return np.asarray(random_sites.on_grid(netlist) & ~to_edge)
+    return np.asarray((cells.resistor_face >= 0) & ~to_edge)
 
 
 def _with_open_nodes(netlist: Netlist, on: float, off: float) -> Netlist:
@@ -101,7 +100,7 @@ def _with_open_nodes(netlist: Netlist, on: float, off: float) -> Netlist:
     switches, in ohms.
     """
     cells = netlist.cells
-    netlist = _in_series(netlist, random_sites.on_grid(netlist), on)
+    netlist = _in_series(netlist, cells.resistor_face >= 0, on)
     missing = cells.node < 0
     netlist, nodes = add_nodes(netlist, int(missing.sum()))
     node = cells.node.copy()
@@ -166,8 +165,8 @@ class RailResistance(Effect):
     """Model each rail as a resistive mesh over the die, fed along its border, so that the supply voltage droops inside.
 
     A rail has one node per cell, segments between the rail nodes of face neighbours (none across periodic seams: the
-    die is flat), and one segment from each border cell to the supply pin.  A switch connects its cell to the rail node
-    of the cell. The node of a cell that is held by an ideal voltage source becomes the rail node itself.
+    die is flat), and one segment from each border cell to the supply pin.  A switch or a leak connects its cell to the
+    rail node of the cell. The node of a cell that is held by an ideal voltage source becomes the rail node itself.
 
     `ohms`: resistance of a segment; 0 for an ideal rail.
     """
@@ -189,8 +188,8 @@ class RailResistance(Effect):
 def _droop(netlist: Netlist, rail: str, ohms: float) -> Netlist:
     """Return the netlist with a mesh of resistors (segments) in place of a rail.
 
-    Switches to the rail then lead to nodes of the mesh.  `rail`: ``"goal"`` or ``"obstacle"``; `ohms`: resistance of a
-    segment.
+    Switches and leaks to the rail then lead to nodes of the mesh.  `rail`: ``"goal"`` or ``"obstacle"``; `ohms`:
+    resistance of a segment.
     """
     netlist, pin = rail_pin(netlist, rail)
     cells = netlist.cells
@@ -207,7 +206,7 @@ def _droop(netlist: Netlist, rail: str, ohms: float) -> Netlist:
     local = np.full(netlist.node_count, -1, dtype=np.int64)
     local[cells.node[own]] = mesh[own]
     resistor_nodes = netlist.resistor_nodes.copy()
-    switch = ~random_sites.on_grid(netlist) & (resistor_nodes[:, 1] == pin) & (local[resistor_nodes[:, 0]] >= 0)
+    switch = (netlist.cells.resistor_face < 0) & (resistor_nodes[:, 1] == pin) & (local[resistor_nodes[:, 0]] >= 0)
     resistor_nodes[switch, 1] = local[resistor_nodes[switch, 0]]
     netlist = select_elements(netlist.replace(resistor_nodes=resistor_nodes), "voltage source", ~wired)
     return add_elements(netlist, "resistor", _mesh_segments(mesh, pin), 1 / ohms)

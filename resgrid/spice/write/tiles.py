@@ -159,6 +159,11 @@ def tiles_of(netlist: Netlist, chip: Chip) -> Tiles:
     switch in series; elsewhere it is nominal.  Raises InputError if the netlist is not an array of tiles.
     """
     space, wiring = netlist.cells.space, netlist.cells.wiring
+    if wiring.leak:
+        raise InputError(
+            f"leak = {wiring.leak:g}: a tile has no leak resistor; write a flat deck, or set leak = 0 (an open switch "
+            "with obstacle_switch_off = R / (leak h^2) has the leakage of a leak)"
+        )
     ohms = {key: getattr(chip, key) for key in _needed_switches(chip, wiring.boundary)}
     missing = [f"chip.{key}" for key, value in ohms.items() if not value]
     if missing:
