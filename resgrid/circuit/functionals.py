@@ -102,3 +102,19 @@ def with_log_seeds(
     mantissa[chosen] = -weights[chosen] / (high - low) * np.exp(-drops - exponent[chosen] * _LOG_UNIT)
     total = corrected(Scaled(seeds[0], np.zeros_like(mantissa), seeds[1]), mantissa, exponent)
     return total.hi, total.exponent
+
+
+def above_obstacles(op: OperatingPoint) -> Numbers:
+    """Return the voltages of the nodes above the obstacle rail of a compiled space, in volts, (nodes,), 0 if floating.
+
+    Without cells, the voltages above ground.
+    """
+    cells = op.netlist.cell_map
+    height = np.nan_to_num(op.voltage if cells is None else op.voltage - cells.wiring.high)
+    exponent = np.zeros(len(height), dtype=np.int64)
+    if cells is None or op.log_drop is None:
+        return height, exponent
+    known = np.isfinite(op.log_drop)
+    exponent[known] = np.floor(op.log_drop[known] / _LOG_UNIT).astype(np.int64)
+    height[known] = -cells.wiring.supply * np.exp(op.log_drop[known] - exponent[known] * _LOG_UNIT)
+    return height, exponent

@@ -22,11 +22,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from resgrid._internal.numbers import real_numbers
 from resgrid._internal.values import frozen
-from resgrid.circuit.functionals import checked_seeds, log_drops, place_weights, rail_voltages, with_log_seeds
+from resgrid.circuit.functionals import (
+    above_obstacles,
+    checked_seeds,
+    log_drops,
+    place_weights,
+    rail_voltages,
+    with_log_seeds,
+)
 from resgrid.circuit.nonlinear import linearize, nonlinear_drops
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.responses import Response, SourceFreeCircuit
-from resgrid.core.contact_derivatives import pull_back_to_conductivity
+from resgrid.core.contact_derivatives import conductivity_gradient
 from resgrid.core.netlist import Netlist
 from resgrid.errors import InputError
 from resgrid.solvers.method_choice import METHODS, check_method
@@ -66,6 +73,10 @@ class Gradient:
     cost : ndarray of float64, shape of the space, or None
         Of a path cost: derivative with respect to the cost of every cell, the expected time in the cell in units of
         ``R C``.  Otherwise None.
+    leak : ndarray of float64, shape of the space, or None
+        Derivative with respect to the leak of every free cell (`Wiring.leak`); the sum is the derivative with respect
+        to the leak of the space.  None for a circuit that was not compiled from a space, with nonlinear resistors, and
+        with open obstacles without a leak, where a leak would replace the drive.
     conductivity : ndarray of float64, shape of the space, or None
         Derivative with respect to the conductivity of every cell.  None for a circuit that was not compiled from a
         space, and with nonlinear resistors.
@@ -88,6 +99,7 @@ class Gradient:
     injection: NDArray[np.float64]
     nonlinear_current: NDArray[np.float64]
     nonlinear_voltage: NDArray[np.float64]
+    leak: NDArray[np.float64] | None = None
     cost: NDArray[np.float64] | None = None
 
     def __repr__(self) -> str:
@@ -103,7 +115,7 @@ class Gradient:
         netlist = self.op.netlist
         if netlist.cell_map is None or netlist.nonlinear_nodes.size:
             return None
-        found = pull_back_to_conductivity(netlist, self.conductance)
+        found = conductivity_gradient(netlist, self.conductance)
         found.setflags(write=False)
         return found
 
@@ -170,8 +182,8 @@ def gradient(
     >>> netlist = rg.compile_space(rg.build_space(rg.read_scene("examples/scenes/lesson.toml")), resistance=1.0)
     >>> op = rg.solve(netlist)
     >>> found = rg.gradient(op, of="log_drop", at=(6, 2), cells=True)
-    >>> found.conductivity.shape, found.conductivity[6, 2].round(6)
-    ((8, 8), np.float64(-0.204545))
+    >>> found.conductivity[6, 2].round(6), found.leak.sum().round(6)
+    (np.float64(0.32035), np.float64(-0.761704))
     >>> rg.gradient(op, of="collision_probability", at=(6, 2), cells=True).value.__round__(6)
     0.573718
     """
@@ -248,18 +260,19 @@ def pullback(
     canonical(*seeds)
     circuit = _circuit(op, np.flatnonzero(seeds[0]), method)
     response = circuit.respond(seeds)
-    return _gradient_of(op, circuit.netlist, value, response, _forward(op))
+    return _gradient_of(op, circuit.netlist, value, response, _forward(op), above_obstacles(op))
 
 
 def _gradient_of(
-    op: OperatingPoint, netlist: Netlist, value: float, adjoint: Response, forward: Numbers,
+    op: OperatingPoint, netlist: Netlist, value: float, adjoint: Response, forward: Numbers, above: Numbers,
     cost: NDArray[np.float64] | None = None,
 ) -> Gradient:  # fmt: skip
     """Return the gradient from the adjoint and the currents of the circuit.
 
     `netlist`: small-signal circuit at the operating point, in which the resistors that replace nonlinear ones come
     last; `value`: value of the function; `adjoint`: response to its derivatives with respect to the node voltages;
-    `forward` (resistors of `netlist`,): currents, in amperes; `cost`: derivatives with respect to the costs of cells.
+    `forward` (resistors of `netlist`,): currents, in amperes; `above` (nodes,): voltages above the obstacle rail, in
+    volts; `cost`: derivatives with respect to the costs of cells.
     """
     count, given = len(op.netlist.conductance), op.netlist
     slope = -_product(adjoint.resistor, forward, netlist.conductance)
@@ -278,8 +291,31 @@ def _gradient_of(
         injection=injection,
         nonlinear_current=-nonlinear / netlist.conductance[count:] * op.nonlinear_amps / given.nonlinear_current,
         nonlinear_voltage=nonlinear * nonlinear_drops(op) / given.nonlinear_voltage,
+        leak=_leaks(given, slope, own, above),
         cost=cost,
     )
+
+
+def _leaks(netlist: Netlist, slope: NDArray[np.float64], adjoint: Scaled, above: Numbers) -> NDArray[np.float64] | None:
+    """Return the derivatives with respect to the leaks of the cells, shape of the space; None where undefined.
+
+    `slope` (resistors,): derivatives with respect to the conductances; `adjoint` (nodes,): adjoint voltages; `above`
+    (nodes,): voltages above the obstacle rail, in volts.
+    """
+    cells = netlist.cell_map
+    if cells is None or netlist.nonlinear_nodes.size or cells.wiring.is_driven:
+        return None
+    space, wiring = cells.space, cells.wiring
+    found = np.zeros(space.cell.size)
+    if wiring.leak:
+        own = cells.leak_cell >= 0
+        np.add.at(found, cells.leak_cell[own], slope[own] * netlist.conductance[own] / wiring.leak)
+        return found.reshape(space.shape)
+    node = cells.free_node
+    siemens, one = space.spacing.min() ** 2 / wiring.resistance, np.ones(node.size)
+    first, second = (adjoint.hi[node], adjoint.exponent[node]), (above[0][node], above[1][node])
+    found[netlist.cell_of_node()[node]] = -siemens * _product(first, second, one)
+    return found.reshape(space.shape)
 
 
 def _of_collision(op: OperatingPoint, seed: NDArray[np.float64], method: str) -> Gradient:
@@ -315,9 +351,8 @@ def _of_path_cost(op: OperatingPoint, seed: NDArray[np.float64], cost: ArrayLike
     walk, adjoint = (circuit.respond((currents, plain)) for currents in (amps, weights))
     times = np.zeros(rates.size)
     times[cell_of] = adjoint.voltage.plain[free] / cells.wiring.resistance
-    found = _gradient_of(
-        op, circuit.netlist, float(weights @ walk.voltage.plain), adjoint, walk.resistor, times.reshape(rates.shape)
-    )
+    value, above = float(weights @ walk.voltage.plain), (walk.voltage.hi, walk.voltage.exponent)
+    found = _gradient_of(op, circuit.netlist, value, adjoint, walk.resistor, above, times.reshape(rates.shape))
     return replace(found, voltage=np.zeros_like(found.voltage), current=np.zeros_like(found.current))
 
 

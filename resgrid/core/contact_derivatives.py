@@ -11,25 +11,53 @@ from resgrid.core.cell import Cell
 from resgrid.core.compiler import contacts_of_box
 from resgrid.core.netlist import Netlist
 from resgrid.core.regions import by_axis, cells_at_faces, face_counts, with_margin
+from resgrid.errors import InputError
 
 
-def pull_back_to_conductivity(netlist: Netlist, slope: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the derivatives of a function with respect to the conductivity of every cell, shape of the space.
+def conductivity_gradient(netlist: Netlist, conductance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Convert derivatives with respect to conductances to derivatives with respect to conductivities of cells.
 
-    The chain rule of the formula of `resgrid.core.compiler`: with ``G = s 2 a b / (a + b)``, ``dG/da = G b / (a (a +
-    b))``; next to a rail cell ``G = s a``.  A wall resistance multiplies the derivative of ``log G`` by ``1 / (1 + G
-    R_wall)``.
+    The chain rule of the contacts of `resgrid.compile_space`: with ``G = s 2 a b / (a + b)``, ``d log G / da = b / (a
+    (a + b))``; next to a rail cell ``G = s a``; a wall resistance multiplies these by ``1 / (1 + G R_wall)``.
 
-    `netlist`: netlist of a compiled space; `slope` (resistors,): derivatives with respect to the conductances, per
-    siemens.  A resistor whose conductance differs from the compiled one, as after a change of the resistors, is taken
-    to be a constant multiple of it.  Resistors that cross no face do not depend on conductivities.
+    Parameters
+    ----------
+    netlist : Netlist
+        Netlist of a compiled space, with linear resistors.  A resistor whose conductance differs from the compiled one
+        is taken to be a constant multiple of it.
+    conductance : ndarray of float64, shape (resistors,)
+        Derivatives of a function with respect to the conductances, per siemens.
+
+    Returns
+    -------
+    ndarray of float64, shape of the space
+        Derivatives with respect to the conductivities.
+
+    Raises
+    ------
+    InputError
+        If the netlist was not compiled from a space, or there is not one derivative per resistor.
+
+    Examples
+    --------
+    >>> space = rg.ConfigurationSpace([rg.Axis("x", 0.0, 4.0, 4)], [2, 0, 0, 1])
+    >>> netlist = rg.compile_space(space, resistance=1.0)
+    >>> rg.circuit.conductivity_gradient(netlist, np.array([1.0, 1.0, 10.0]))
+    array([ 0. ,  1.5, 10.5,  0. ])
     """
+    if np.shape(conductance) != netlist.conductance.shape:
+        raise InputError(
+            f"conductance has shape {np.shape(conductance)}; give one derivative per resistor: "
+            f"({len(netlist.conductance)},)"
+        )
     cells = netlist.cells
     space, wiring = cells.space, cells.wiring
     contacts = contacts_of_box(space, replace(wiring, wall_resistance=0.0) if wiring.wall_resistance else wiring)
     crosses = cells.resistor_face >= 0
     relative = np.bincount(
-        cells.resistor_face[crosses], (slope * netlist.conductance)[crosses], minlength=sum(face_counts(space.shape))
+        cells.resistor_face[crosses],
+        (conductance * netlist.conductance)[crosses],
+        minlength=sum(face_counts(space.shape)),
     ).astype(np.float64)
     found = np.zeros(space.shape)
     c = np.ones(space.shape) if space.conductivity is None else np.asarray(space.conductivity, dtype=np.float64)

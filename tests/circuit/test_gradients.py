@@ -255,3 +255,47 @@ def test_rejected_inputs_name_the_remedy() -> None:
     for message, point, of, options in cases:
         with pytest.raises(rg.InputError, match=message):
             rg.gradient(point, of, **options)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("leak", [0.0, 1e-3, 40.0])
+@pytest.mark.parametrize("of", ["voltage", "log_drop", "path_cost"])
+@pytest.mark.parametrize("options", [{}, {"rails": "cells", "supply": -3.0}, {"boundary": "neumann"}], ids=str)
+def test_derivatives_with_respect_to_leaks_equal_differences(leak: float, of: str, options: rg.WiringOptions) -> None:
+    space, place = space_of((5, 4)), (1, 1)
+    if not leak and options.get("boundary") == "neumann":
+        driven = rg.gradient(rg.solve(rg.compile_space(space, **options)), "voltage", at=place, cells=True)
+        assert driven.leak is None
+        return
+
+    def found(leak: float) -> rg.circuit.Gradient:
+        netlist = rg.compile_space(space, resistance=7.0, leak=leak, **options)
+        return rg.gradient(rg.solve(netlist), of, at=place, cells=True)  # type: ignore[arg-type]
+
+    step = 1e-4 * (leak or 1.0)
+    values = [found(leak + factor * step).value for factor in ((0, 1, 2, 3) if leak == 0 else (-2, -1, 1, 2))]
+    stencil = (-11 / 6, 3, -3 / 2, 1 / 3) if leak == 0 else (1 / 12, -2 / 3, 2 / 3, -1 / 12)
+    here = found(leak).leak
+    assert here is not None and not here[space.cell != rg.Cell.FREE].any()
+    assert here.sum() == pytest.approx(np.dot(stencil, values) / step, rel=1e-6)
+
+
+def test_leaks_of_deep_drops_have_the_derivatives_of_leak_resistors() -> None:
+    cell = np.ones((3, 200), dtype=np.uint8)
+    cell[1, 1:], cell[1, 0] = rg.Cell.FREE, rg.Cell.GOAL
+    space = rg.ConfigurationSpace([rg.Axis("x", 0, 3, 3), rg.Axis("y", 0, 200, 200)], cell)
+    place = (1, 199)
+    without, tiny = (
+        rg.gradient(rg.solve(rg.compile_space(space, leak=leak)), "log_drop", at=place, cells=True)
+        for leak in (0.0, 1e-13)
+    )
+    assert without.value < -250 and without.leak is not None and tiny.leak is not None
+    np.testing.assert_allclose(without.leak, tiny.leak, rtol=1e-9)
+    assert -without.leak.sum() > 50  # the expected time of a walk to the goal, in units of R C
+
+
+def test_the_chain_rule_needs_one_derivative_per_resistor() -> None:
+    netlist = rg.compile_space(space_of((4, 4)))
+    with pytest.raises(rg.InputError, match=r"conductance has shape \(3,\); give one derivative per resistor"):
+        rg.circuit.conductivity_gradient(netlist, np.ones(3))
+    with pytest.raises(rg.InputError, match="not compiled from a space"):
+        rg.circuit.conductivity_gradient(comb(4, 1.0), np.ones(8))
