@@ -69,11 +69,11 @@ def jax_solver(
 
     Examples
     --------
-    >>> import jax  # doctest: +SKIP
-    >>> jax.config.update("jax_enable_x64", True)  # doctest: +SKIP
+    >>> import jax
+    >>> jax.config.update("jax_enable_x64", True)
     >>> divider = rg.Netlist(3, [[1, 2], [2, 0]], [1e-3, 3e-3], source_nodes=[[1, 0]], source_volts=[2.0])
-    >>> voltages = rg.circuit.jax_solver(divider)  # doctest: +SKIP
-    >>> jax.grad(lambda g: voltages(g)[2])(divider.conductance)  # doctest: +SKIP
+    >>> voltages = rg.circuit.jax_solver(divider)
+    >>> jax.grad(lambda g: voltages(g)[2])(divider.conductance)
     Array([ 375., -125.], dtype=float64)
     """
     jax = _imported_jax()
