@@ -15,6 +15,7 @@ from ._internal.executors import open_executor as open_executor
 from ._internal.parallel import spread as spread
 from .chip.study_analyses import study as study
 from .circuit.effective_resistance import effective_resistance as effective_resistance
+from .circuit.gradients import gradient as gradient
 from .circuit.operating_point import OperatingPoint as OperatingPoint
 from .circuit.solve import factorize as factorize, normalize_drive as normalize_drive, solve as solve
 from .control.simulation import simulation as simulation

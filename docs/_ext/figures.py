@@ -6,7 +6,7 @@ from pathlib import Path
 
 from sphinx_gallery.scrapers import figure_rst
 
-SECTIONS = ("first", "figures_1992", "space", "chip", "control")
+SECTIONS = ("first", "figures_1992", "space", "chip", "control", "learning")
 FIRST = ("lesson.py", "report.py", "voxels.py")
 """Examples at the start of their section; the others follow by name."""
 SUFFIXES = (".png", ".gif")

@@ -161,7 +161,7 @@ def _between(system: Equations, rails: Rails, drop: Scaled, height: Scaled | Non
     with np.errstate(invalid="ignore"):
         is_drop = np.abs(below) < np.abs(above)
     np.copyto(is_drop, near[system.unknown], where=system.unknown >= 0)
-    value = _rows_to_nodes(system, rows, np.where(is_drop, below, above))
+    value = rows_to_nodes(system, rows, np.where(is_drop, below, above))
     rounding = height.noise if height is not None else drop.noise / _LEAST_COMPLEMENT
     return NodeValues(value._replace(noise=drop.noise), is_drop, rails.low, span, rounding)
 
@@ -169,7 +169,7 @@ def _between(system: Equations, rails: Rails, drop: Scaled, height: Scaled | Non
 def _above(system: Equations, rows: Scaled, volts: float) -> NodeValues:
     """Return values in units of `volts` volts above the lowest known voltage; `rows` (n,): such values of the rows."""
     forest = system.forest
-    out = _rows_to_nodes(system, rows, (system.known_voltages() - system.reference) / volts)
+    out = rows_to_nodes(system, rows, (system.known_voltages() - system.reference) / volts)
     lifted = (forest.height != 0) & (system.unknown[forest.order] >= 0)
     if lifted.any():
         # Circuits with floating sources do not have two rails, and their values stay in the range of doubles.
@@ -180,7 +180,7 @@ def _above(system: Equations, rows: Scaled, volts: float) -> NodeValues:
     return NodeValues(out._replace(noise=rows.noise), is_drop, system.reference, volts, rows.noise)
 
 
-def _rows_to_nodes(system: Equations, rows: Scaled, known: NDArray[np.float64]) -> Scaled:
+def rows_to_nodes(system: Equations, rows: Scaled, known: NDArray[np.float64]) -> Scaled:
     """Return values of all nodes (nodes,): `rows` (n,) where a node has a row, else `known` (nodes,) with 0 for NaN."""
     solved, out = system.unknown >= 0, Scaled.of(np.nan_to_num(known))
     row = system.unknown[solved]
@@ -255,13 +255,13 @@ def _branch_currents(
 
     ends, imprecise = netlist.resistor_nodes, np.zeros(0, dtype=np.int64)
     if recovered is None:
-        amps, exponent, heat, imprecise = _differences(values, netlist, team)
+        amps, exponent, heat, imprecise = differences(values, netlist, team)
     else:
         amps, exponent, heat = recovered.amps, np.zeros(len(ends), dtype=np.int64), recovered.power
         if tiny is not None:
-            amps, exponent = _with_tiny_currents(amps, recovered.floor, *tiny.scaled)
+            amps, exponent = with_tiny_currents(amps, recovered.floor, *tiny.scaled)
     plain = not exponent.any()
-    frame, net, through = _sums(netlist, amps, exponent)
+    frame, net, through = node_sums(netlist, amps, exponent)
     if falling is not None:
         drop_unresolved(ends, amps, exponent, frame, net, through, falling, HARMLESS)
     value = values.value
@@ -290,7 +290,7 @@ def _branch_currents(
     return currents, residual, plain and bool(is_significant.any())
 
 
-def _differences(
+def differences(
     values: NodeValues, netlist: Netlist, team: ThreadTeam
 ) -> tuple[NDArray[np.float64], NDArray[np.int64], float, NDArray[np.int64]]:
     """Return branch currents, exponents, the power in watts, and the indices of the currents with few correct digits.
@@ -316,7 +316,7 @@ def _differences(
     return amps, exponent, heat, np.flatnonzero(imprecise)
 
 
-def _with_tiny_currents(
+def with_tiny_currents(
     amps: NDArray[np.float64], floor: float, tiny: NDArray[np.float64], exponent: NDArray[np.int64]
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Return amperes and exponents (resistors,): zero `amps` below the floor become ``tiny * 2**(256 exponent)``."""
@@ -329,7 +329,7 @@ def _floor_of(values: NDArray[np.float64], floor: float) -> float:
     return float(np.nanmax(np.abs(values), initial=0.0)) * floor
 
 
-def _sums(
+def node_sums(
     netlist: Netlist, amps: NDArray[np.float64], exponent: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
     """Return exponents ``f``, net currents and through-currents of all nodes, (nodes,) each.

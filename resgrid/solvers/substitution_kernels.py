@@ -13,7 +13,7 @@ from resgrid.solvers.elimination_kernels import _add_column, _column
 from resgrid.solvers.scaled import Floats, Integers
 from resgrid.solvers.scaled_kernels import NO_EXPONENT, _add_product, _canonical, _shift
 
-_LEAST, _MOST = 2.0**-700, 2.0**700
+_LEAST, _MOST = 2.0**-300, 2.0**700
 """Smallest and largest magnitude of a sum of doubles in which no term overflows or underflows significantly.
 
 Beyond these limits substitution is repeated with one exponent per number.

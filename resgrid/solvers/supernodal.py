@@ -23,7 +23,7 @@ from resgrid.solvers.symbolic import Supernodes, Symbolic, order_rows
 _STRETCH = 2_000
 """Number of supernodes that one call of the factorization kernel eliminates; Ctrl-C is handled between two calls."""
 
-_LEAST, _MOST = 2.0**-700, 2.0**700
+_LEAST, _MOST = 2.0**-300, 2.0**700
 """Smallest and largest magnitude of a sum of doubles in which no term overflows or underflows significantly.
 
 Beyond these limits substitution is repeated with one exponent per number.

@@ -1,0 +1,120 @@
+"""Functionals of the node voltages: weights at places, and derivatives of log drops with respect to the voltages."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from resgrid._internal.numbers import real_numbers
+from resgrid.circuit.operating_point import OperatingPoint
+from resgrid.circuit.terminals import TerminalReader
+from resgrid.core.netlist import Netlist
+from resgrid.errors import InputError
+from resgrid.solvers.refinement import corrected
+from resgrid.solvers.scaled import BITS, Numbers, Scaled
+
+_LOG_UNIT = BITS * float(np.log(2.0))
+"""Natural logarithm of the unit of separate exponents."""
+
+
+def place_weights(netlist: Netlist, at: Any, weights: ArrayLike | None, cells: bool) -> NDArray[np.float64]:
+    """Return the weight of every node (nodes,); the arguments are those of `gradient`."""
+    if at is None:
+        raise InputError("at is missing: give a node, such as at=5, or a cell, such as at=(3, 4), cells=True")
+    read, seed = TerminalReader(netlist, cells), np.zeros(netlist.node_count)
+    single = isinstance(at, str) or (cells and isinstance(at, tuple)) or not isinstance(at, Sequence | np.ndarray)
+    if not single and getattr(at, "dtype", None) != np.bool_:
+        places = [read.nodes(tuple(each) if np.iterable(each) and not isinstance(each, str) else each) for each in at]
+    else:
+        places = [read.nodes(at)]
+    factors = np.ones(len(places)) if weights is None else np.atleast_1d(real_numbers("weights", weights))
+    if factors.shape != (len(places),):
+        raise InputError(f"weights has shape {factors.shape}; give one number for each of the {len(places)} places")
+    for nodes, factor in zip(places, factors.tolist(), strict=True):
+        np.add.at(seed, nodes, factor)
+    return seed
+
+
+def checked_seeds(op: OperatingPoint, name: str, seed: ArrayLike | None) -> NDArray[np.float64]:
+    """Return a new array of the seeds (nodes,), zeros for None; raise InputError for a wrong shape or a floating node.
+
+    `name`: name of the argument in messages.
+    """
+    count = op.netlist.node_count
+    if seed is None:
+        return np.zeros(count)
+    seeds = np.array(real_numbers(name, seed), dtype=np.float64)
+    if seeds.shape != (count,) or not np.isfinite(seeds).all():
+        raise InputError(f"{name} of shape {seeds.shape} must be {count:,} finite numbers, one per node")
+    floating = op.floating[seeds[op.floating] != 0.0]
+    if floating.size:
+        raise InputError(
+            f"node {op.netlist.node_name(int(floating[0]))} floats, so that its voltage is undetermined; leave it out "
+            "(weight 0), or connect it to ground by a resistor"
+        )
+    return seeds
+
+
+def log_drops(op: OperatingPoint, weights: NDArray[np.float64], beyond: float = np.nan) -> NDArray[np.float64]:
+    """Return the log drops of the nodes with a weight other than 0; raise InputError if one is not finite.
+
+    `beyond`: a value that is accepted besides finite ones.
+    """
+    if op.log_drop is None:
+        raise InputError(
+            "the circuit has no log_drop: exactly two known voltages must drive it, and the operating point must have "
+            "accuracy = 'direction'; with open obstacles choose of = 'voltage'"
+        )
+    drops = op.log_drop[weights != 0.0]
+    undefined = ~np.isfinite(drops) & (drops != beyond)
+    if undefined.any():
+        node = int(np.flatnonzero(weights)[undefined][0])
+        raise InputError(
+            f"node {op.netlist.node_name(node)} has the log_drop {op.log_drop[node]}: it is on the high rail, carries "
+            "no current, or is held by a source; choose a node between the rails"
+        )
+    return np.asarray(drops)
+
+
+def rail_voltages(op: OperatingPoint) -> tuple[float, float]:
+    """Return the voltages of the high and the low rail, in volts; the operating point has a log_drop."""
+    assert op.log_drop is not None
+    high = op.voltage[np.isneginf(op.log_drop)]
+    low = op.voltage[op.log_drop == 0.0]
+    return float(high[0]), float(low[0])
+
+
+def with_log_seeds(
+    op: OperatingPoint, seeds: Numbers, weights: NDArray[np.float64], drops: NDArray[np.float64]
+) -> Numbers:
+    """Return the seeds plus those of log drops: ``d log u / dV = -1 / (u (V_high - V_low))``.
+
+    `seeds` (nodes,): seeds of voltages, as mantissas and exponents; `weights` (nodes,): weights of log drops; `drops`:
+    log drops of the nodes with a weight other than 0.
+    """
+    high, low = rail_voltages(op)
+    exponent = np.zeros(len(weights), dtype=np.int64)
+    mantissa, chosen = np.zeros(len(weights)), weights != 0.0
+    exponent[chosen] = np.floor(-drops / _LOG_UNIT).astype(np.int64)
+    mantissa[chosen] = -weights[chosen] / (high - low) * np.exp(-drops - exponent[chosen] * _LOG_UNIT)
+    total = corrected(Scaled(seeds[0], np.zeros_like(mantissa), seeds[1]), mantissa, exponent)
+    return total.hi, total.exponent
+
+
+def above_obstacles(op: OperatingPoint) -> Numbers:
+    """Return the voltages of the nodes above the obstacle rail of a compiled space, in volts, (nodes,), 0 if floating.
+
+    Without cells, the voltages above ground.
+    """
+    cells = op.netlist.cell_map
+    height = np.nan_to_num(op.voltage if cells is None else op.voltage - cells.wiring.high)
+    exponent = np.zeros(len(height), dtype=np.int64)
+    if cells is None or op.log_drop is None:
+        return height, exponent
+    known = np.isfinite(op.log_drop)
+    exponent[known] = np.floor(op.log_drop[known] / _LOG_UNIT).astype(np.int64)
+    height[known] = -cells.wiring.supply * np.exp(op.log_drop[known] - exponent[known] * _LOG_UNIT)
+    return height, exponent

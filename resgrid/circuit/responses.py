@@ -1,0 +1,222 @@
+"""Responses of a circuit to injected currents while its independent sources are zero: columns of its Green's function.
+
+The response ``x = G^-1 c`` to currents ``c`` into the nodes is the voltage of every node while voltage sources are
+wires and current sources are open.  By symmetry it is also the adjoint of the functional ``c . V`` of the node voltages
+``V`` (Director & Rohrer 1969).  Positive and negative currents are solved separately, each with a small relative error
+of every entry.  Numbers have separate exponents, so that currents and responses may span more than the range of
+doubles.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.circuit.current_recovery import recover_currents
+from resgrid.circuit.equations import Equations, assemble
+from resgrid.circuit.postprocess import (
+    DIRECTION_RESIDUAL,
+    NodeValues,
+    differences,
+    node_sums,
+    rows_to_nodes,
+    with_tiny_currents,
+)
+from resgrid.circuit.sources import SourceForest, source_currents, tie_sources
+from resgrid.core.netlist import GROUND, Netlist
+from resgrid.errors import AccuracyError
+from resgrid.solvers.factors import EXACT_ROWS, Factor
+from resgrid.solvers.laplacian import conductance_statistics
+from resgrid.solvers.method_choice import factor_laplacian
+from resgrid.solvers.progress import ProgressMonitor
+from resgrid.solvers.refinement import CERTAIN, corrected, is_answer, minus, quotient
+from resgrid.solvers.scaled import Numbers, Scaled, canonical, power
+from resgrid.solvers.threads import SINGLE_THREAD
+
+_SMALL = 500
+"""Number of nodes up to which currents of circuits without cells are always recovered, which takes milliseconds."""
+
+_STIFF = 1e-9
+"""Ratio of the smallest to the largest conductance, below which voltage differences may lose their digits."""
+
+_PLAIN = 2
+"""Largest difference of the exponents of ``2**256`` of injected currents whose response can be recovered in doubles."""
+
+_NO_EXPONENT = -(2**62)
+
+
+@dataclass(frozen=True, eq=False)
+class Response:
+    """Voltages and currents that injected currents cause in a circuit without independent sources.
+
+    `voltage` (nodes,): voltages in volts, 0 where the node floats; `resistor` (resistors,): currents of the resistors,
+    in amperes, as mantissas and exponents; `source` (sources,): currents into the plus terminals of the voltage
+    sources, in amperes, as mantissas and exponents; NaN in loops of sources; `rounding`: bound on the error of a
+    voltage difference, relative to the larger voltage, 0 for recovered currents.
+    """
+
+    voltage: Scaled
+    resistor: Numbers
+    source: Numbers
+    rounding: float
+
+
+@dataclass(frozen=True, eq=False)
+class SourceFreeCircuit:
+    """A circuit with voltage sources as wires and without current sources, and the factors of its matrix.
+
+    `netlist`: the circuit, with linear resistors and voltage sources of 0 V; `forest`: spanning forest of its voltage
+    sources; `system`: equations of the components that may be driven, None without rows; `factors`: factors of their
+    matrix, None without rows.
+    """
+
+    netlist: Netlist
+    forest: SourceForest
+    system: Equations | None
+    factors: Factor | None
+
+    @classmethod
+    def of(cls, netlist: Netlist, driven: NDArray[np.int64], method: str) -> SourceFreeCircuit:
+        """Return the factored circuit, in which currents may enter the nodes `driven`.
+
+        `netlist`: circuit with linear resistors, whose source values are ignored; `driven` (k,): nodes, none of which
+        floats; `method`: ``"auto"``, ``"direct"`` or ``"multigrid"``.
+        """
+        netlist = netlist.replace(
+            source_volts=np.zeros(len(netlist.source_volts)),
+            current_nodes=np.stack([np.full(len(driven), GROUND), driven], axis=1),
+            current_amps=np.ones(len(driven)),
+            element_names=None,
+        )
+        forest = tie_sources(netlist)
+        held = np.zeros(netlist.node_count, dtype=np.bool_)
+        held[forest.order[forest.base == GROUND]] = True
+        quiet = netlist.replace(current_nodes=netlist.current_nodes[:0], current_amps=netlist.current_amps[:0])
+        if held[driven].all():
+            return cls(quiet, forest, None, None)
+        system = assemble(netlist)
+        return cls(quiet, forest, system, factor_laplacian(system.laplacian, method))
+
+    def respond(self, amps: Numbers) -> Response:
+        """Return the response to currents `amps` (nodes,) into the nodes, in amperes, as mantissas and exponents.
+
+        Raise AccuracyError if the conductances span more orders of magnitude than the factors can represent.
+        """
+        if self.system is None or self.factors is None:
+            zeros, count = Scaled.of(np.zeros(self.netlist.node_count)), len(self.netlist.conductance)
+            still = np.zeros(count), np.zeros(count, dtype=np.int64)
+            return Response(zeros, still, self._source_currents(still, amps), 0.0)
+        rows, error = self._solved(self.factors, self.system, amps)
+        voltage = rows_to_nodes(self.system, rows, np.zeros(self.netlist.node_count))._replace(noise=rows.noise)
+        is_drop = np.zeros(self.netlist.node_count, dtype=np.bool_)
+        values = NodeValues(voltage, is_drop, 0.0, 1.0, rows.noise)
+        current, exponent, _, _ = differences(values, self.netlist, SINGLE_THREAD)
+        rounding = max(rows.noise, error)
+        unit = int(amps[1][amps[0] != 0.0].max()) if amps[0].any() else 0
+        if self._may_cancel(self.system, error) and np.all(amps[1][amps[0] != 0.0] >= unit - _PLAIN):
+            found, _ = recover_currents(_driven_by(self.system, amps[0] * power(amps[1] - unit)))
+            if found is not None and found.error_bound <= DIRECTION_RESIDUAL:
+                current, exponent = with_tiny_currents(found.amps, found.floor, current, exponent - unit)
+                exponent, rounding = exponent + unit, 0.0
+        if rounding > DIRECTION_RESIDUAL:
+            raise AccuracyError(
+                f"the response to currents of both signs nearly cancels: its error may be {rounding:.1e} of the "
+                f"largest voltage (at most {DIRECTION_RESIDUAL:g} is allowed); differentiate single voltages"
+            )
+        return Response(voltage, (current, exponent), self._source_currents((current, exponent), amps), rounding)
+
+    def _solved(self, factors: Factor, system: Equations, amps: Numbers) -> tuple[Scaled, float]:
+        """Return the voltages (n,) of the rows, and a bound on their error relative to the largest one.
+
+        `factors`, `system`: factors and equations; `amps` (nodes,): currents as mantissas and exponents.
+        """
+        parts, bound = [], 0.0
+        for sign in (1.0, -1.0):
+            rhs = _sum_by_row(system, np.maximum(sign * amps[0], 0.0), amps[1])
+            if not rhs.hi.any():
+                parts.append(rhs)
+                continue
+            watch = ProgressMonitor()
+            x, error = factors.solve_nonnegative(rhs, watch=watch)
+            if not is_answer(error, watch.bound):
+                raise AccuracyError(
+                    f"method {factors.name!r} reached a componentwise backward error of only {error:.1e}: the "
+                    "conductances span more orders of magnitude than it can represent; use another method"
+                )
+            parts.append(x)
+            bound = max(bound, watch.bound)
+        if not parts[1].hi.any():
+            return parts[0], 0.0
+        if not parts[0].hi.any():
+            return Scaled(-parts[1].hi, -parts[1].lo, *parts[1][2:]), 0.0
+        x, noise = minus(*parts), max(part.noise for part in parts)
+        return x._replace(noise=noise), min(bound, noise if system.size <= EXACT_ROWS else np.inf) * quotient(parts, x)
+
+    def _may_cancel(self, system: Equations, error: float) -> bool:
+        """Return whether voltage differences may have lost their digits and can be recovered.
+
+        `system`: equations; `error`: bound on the error of a voltage relative to the largest one.
+        """
+        if error > CERTAIN or (self.netlist.cell_map is None and self.netlist.node_count <= _SMALL):
+            return True
+        if system.size > EXACT_ROWS:
+            return False
+        found = conductance_statistics(system.laplacian)
+        return found.smallest < _STIFF * found.largest
+
+    def _source_currents(self, resistor: Numbers, amps: Numbers) -> Numbers:
+        """Return the currents into the plus terminals of the voltage sources (sources,), as mantissas and exponents.
+
+        `resistor` (resistors,): currents of the resistors; `amps` (nodes,): currents into the nodes; both as mantissas
+        and exponents.
+        """
+        frame, net, through = node_sums(self.netlist, *resistor)
+        total = corrected(Scaled(net, np.zeros_like(net), frame), *_returning(amps))
+        mantissa, exponent = total.hi.copy(), total.exponent.copy()
+        canonical(mantissa, exponent)
+        ends = self.netlist.source_nodes
+        tied = ends.max(axis=1, initial=0)
+        single = (ends.min(axis=1, initial=0) == GROUND) & (tied != GROUND)
+        single &= np.bincount(ends.ravel(), minlength=self.netlist.node_count)[tied] == 1
+        sign = np.where(ends[:, 0] == tied, 1.0, -1.0)
+        found, scale = sign * mantissa[tied], np.where(single, exponent[tied], 0)
+        if not single.all():
+            at_sources = np.unique(ends)
+            flows = mantissa[at_sources] != 0.0
+            scale[~single] = unit = int(exponent[at_sources][flows].max(initial=0))
+            own = mantissa * power(exponent - unit)
+            largest = np.maximum(np.abs(own), through * power(frame - unit))
+            found[~single] = source_currents(self.netlist, self.forest, -own, largest)[~single]
+        return found, scale
+
+
+def _returning(amps: Numbers) -> Numbers:
+    """Return the currents into the nodes with the current that returns through ground; `amps` (nodes,): currents."""
+    mantissa, exponent = amps[0].copy(), amps[1].copy()
+    mantissa[GROUND] = 0.0
+    unit = int(exponent[mantissa != 0.0].max(initial=_NO_EXPONENT))
+    if unit > _NO_EXPONENT:
+        mantissa[GROUND], exponent[GROUND] = -math.fsum((mantissa * power(exponent - unit)).tolist()), unit
+    return mantissa, exponent
+
+
+def _driven_by(system: Equations, amps: NDArray[np.float64]) -> Equations:
+    """Return the equations with the currents `amps` (nodes,) from ground into the nodes with current sources."""
+    row, netlist = system.unknown, system.netlist
+    injected = np.bincount(row[row >= 0], amps[row >= 0], system.size).astype(np.float64)
+    return replace(system, netlist=netlist.replace(current_amps=amps[netlist.current_nodes[:, 1]]), injected=injected)
+
+
+def _sum_by_row(system: Equations, mantissa: NDArray[np.float64], exponent: NDArray[np.int64]) -> Scaled:
+    """Return the sum of the currents into every row, (n,).
+
+    `mantissa`, `exponent` (nodes,): nonnegative currents into the nodes.
+    """
+    node = np.flatnonzero((mantissa > 0.0) & (system.unknown >= 0))
+    row, frame = system.unknown[node], np.full(system.size, _NO_EXPONENT)
+    np.maximum.at(frame, row, exponent[node])
+    total = np.bincount(row, mantissa[node] * power(exponent[node] - frame[row]), system.size).astype(np.float64)
+    return Scaled(total, np.zeros(system.size), np.where(frame == _NO_EXPONENT, 0, frame))
