@@ -58,9 +58,9 @@ class MemristiveTransient:
     >>> loop = rg.Netlist(2, [[1, 0]], [1.0], source_nodes=[[1, 0]], source_volts=[1.0])
     >>> run = rg.circuit.memristive_transient(rg.circuit.MemristiveCircuit(loop, law), [0.0, 0.25, 0.5, 1.0])
     >>> run.state[:, 0].round(6)
-    array([0.      , 0.293665, 0.897196, 1.      ])
+    array([0.      , 0.292289, 0.909091, 1.      ])
     >>> run.resistance[:, 0].round(2)
-    array([10000.  ,  7092.72,  1117.76,   100.  ])
+    array([10000.  ,  7106.34,  1000.  ,   100.  ])
     """
 
     circuit: MemristiveCircuit
