@@ -68,6 +68,8 @@ SOURCES = {
     "Controller": "rg.control.make_controller(field)",
     "Field": "rg.field(rg.solve(netlist)), or rg.plan(scene).field, with lattice = 'square'",
     "LatticeField": "rg.planning.lattice_field(rg.solve(netlist)), or rg.plan(scene, lattice=...).field",
+    "Memristor": "rg.circuit.Memristor(on_resistance, off_resistance, rate)",
+    "MemristiveCircuit": "rg.circuit.MemristiveCircuit(netlist, law)",
     "Netlist": "rg.compile_space(space), or rg.read_spice(file).netlist()",
     "OperatingPoint": "rg.solve(netlist)",
     "Circuit": "rg.read_spice(file)",

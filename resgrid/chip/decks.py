@@ -22,7 +22,7 @@ from resgrid.chip.noise import NOMINAL_KELVIN, analyse_noise
 from resgrid.chip.settling import Settling
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.solve import solve
-from resgrid.circuit.transients import transient
+from resgrid.circuit.transients.linear import transient
 from resgrid.core.netlist import Netlist
 from resgrid.errors import InputError
 from resgrid.scene.chip import Chip

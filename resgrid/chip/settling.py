@@ -30,7 +30,7 @@ from resgrid.circuit.dynamics import (
 )
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.solve import solve as solve_circuit
-from resgrid.circuit.transients import initial_voltages
+from resgrid.circuit.transients.linear import initial_voltages
 from resgrid.core.netlist import Netlist
 from resgrid.errors import AccuracyError, InputError
 

@@ -10,10 +10,15 @@ from .gradients import Gradient as Gradient, pullback as pullback
 from .jax_solver import jax_solver as jax_solver
 from .linear import CircuitFactor as CircuitFactor
 from .nonlinear import linearize as linearize
-from .transients import (
+from .transients.linear import (
     Transient as Transient,
     TransientStepper as TransientStepper,
     transient as transient,
     transient_stepper as transient_stepper,
 )
+from .transients.memristive import (
+    MemristiveTransient as MemristiveTransient,
+    memristive_transient as memristive_transient,
+)
+from .transients.memristors import MemristiveCircuit as MemristiveCircuit, Memristor as Memristor
 from .warm_start import WarmPoint as WarmPoint, WarmStart as WarmStart

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from resgrid.circuit.dynamics import Dynamics, dynamics_of, factor_resolvent
-from resgrid.circuit.transients import Solver, transient_stepper
+from resgrid.circuit.transients.linear import Solver, transient_stepper
 from resgrid.core.compiler import compile_space
 from resgrid.core.netlist import GROUND, Netlist, add_elements
 from resgrid.core.space import ConfigurationSpace

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.circuit.operating_point import OperatingPoint
-from resgrid.circuit.transients import initial_voltages, transient_stepper
+from resgrid.circuit.transients.linear import initial_voltages, transient_stepper
 from resgrid.core.lattice import SQUARE
 from resgrid.core.netlist import GROUND, Netlist
 from resgrid.errors import BudgetError, InputError

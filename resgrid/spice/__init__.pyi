@@ -11,3 +11,4 @@ from .networks.connectivity import (
 )
 from .power import IrDrop as IrDrop, PowerBalance as PowerBalance, ir_drop as ir_drop, power_balance as power_balance
 from .write.files import WrittenDeck as WrittenDeck
+from .write.memristive import write_memristive as write_memristive

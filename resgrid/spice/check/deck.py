@@ -16,6 +16,7 @@ from resgrid.errors import InputError
 from resgrid.spice.check.agreement import Agreement, Reference, compare, unverified
 from resgrid.spice.check.external import expected_of, place_of, rewritten, runnable
 from resgrid.spice.check.kcl_location import inspect_deck
+from resgrid.spice.check.memristive import check_memristive
 from resgrid.spice.check.portability import check_portability
 from resgrid.spice.circuit import TOLERANCE, Circuit
 from resgrid.spice.dialects import dialect_named
@@ -23,6 +24,7 @@ from resgrid.spice.read.deck import read_spice
 from resgrid.spice.run import SIMULATED, engine_named
 from resgrid.spice.run.ngspice import SimulatorRun
 from resgrid.spice.write.flat import flatten
+from resgrid.spice.write.memristive_sidecar import read_memristive_sidecar
 from resgrid.spice.write.sidecar import Sidecar, altered_files, expect, read_sidecar, sidecar_path, with_parts
 
 
@@ -69,6 +71,9 @@ def check_deck(
     A deck with a sidecar is checked three times: its bytes against the sidecar's hash, its elements against the
     sidecar's voltages, and the simulated voltages against the sidecar's voltages.  Any other deck is read and solved by
     resgrid, and the simulated voltages are compared with that solution.  For a netlist a deck is written first.
+
+    A deck with memristors (`resgrid.spice.write_memristive`) is checked by its transient: the voltages and states that
+    ngspice finds are compared with those in the sidecar, at several times and with the tolerance in the sidecar.
 
     The simulator runs the deck's own bytes, with the files that it includes, where that is safe.  Otherwise (control
     blocks, another dialect, includes outside the root) it runs a deck written from the circuit that resgrid read.  The
@@ -127,10 +132,25 @@ def check_deck(
         return _check_external(deck, data, reference, limits, root)
     path = Path(deck)
     data = read_bytes(path)
+    memristive = read_memristive_sidecar(path)
+    if memristive is not None:
+        _refuse_for_memristors(reference, engine)
+        return check_memristive(path, data, memristive, timeout)
     sidecar = read_sidecar(path) if sidecar_path(path).exists() else None
     if reference is None and sidecar is None:
         return _check_external(read_spice(path, dialect=dialect, root=root), data, None, limits, root)
     return _check_own(path, data, sidecar, reference, dialect, limits)
+
+
+def _refuse_for_memristors(reference: OperatingPoint | None, engine: str) -> None:
+    """Raise InputError for a reference or an engine that the check of a transient with memristors cannot use."""
+    if reference is not None:
+        raise InputError(
+            "a deck with memristors is compared with the transient in its sidecar, not with an operating point; leave "
+            "out reference"
+        )
+    if engine != SIMULATED:
+        raise InputError(f"engine = {engine!r} runs operating points only; use engine = '{SIMULATED}' for memristors")
 
 
 def _check_own(

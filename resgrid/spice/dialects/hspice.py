@@ -55,6 +55,10 @@ HSPICE = Dialect(
         first=("* hspice {deck}.hspice", ".option post=1 numdgt=10 ingold=2"),
         operating=(".op", ".print dc v(*)"),
         transient=(".option delmax={step}", ".tran {step} {stop}"),
+        charged=(
+            ".option relv={reltol} absv={vntol} reli={reltol} absi={abstol} delmax={step}",
+            ".tran {step} {stop} uic",
+        ),
         noise=(".ac dec {points} {start} {stop}", ".noise v({node}) {source} {points}", ".print noise onoise"),
         temperature=(".dc temp poi {count} {temperatures}",),
         mismatch=(".option seed={seed}", ".dc monte={runs}"),

@@ -46,6 +46,10 @@ LTSPICE = Dialect(
     statements=Statements(
         first=("* LTspice -b {deck}.ltspice", ".options numdgt=15"),
         one_a_run=True,
+        charged=(
+            ".options reltol={reltol} abstol={abstol} vntol={vntol} chgtol={chgtol} trtol=1",
+            ".tran {step} {stop} 0.0 {step} uic",
+        ),
         temperature=(".op", ".step temp list {temperatures}"),
         mismatch=(".op", ".step param run 1 {runs} 1"),
         probe=".save {what}",

@@ -140,6 +140,10 @@ _STATEMENTS = Statements(
         "end",
         ".endc",
     ),
+    charged=(
+        ".options reltol={reltol} abstol={abstol} vntol={vntol} chgtol={chgtol} trtol=1",
+        ".tran {step} {stop} 0.0 {step} uic",
+    ),
     run=(".control", "run", "write analyses.raw", ".endc"),
     probe=".save {what}",
     measure_first=(".control", "run", "setplot tran1"),

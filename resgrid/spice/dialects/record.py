@@ -251,13 +251,15 @@ class Statements:
     voltage source of the deck, for analyses that need one) and ``volts`` (voltage of ``source``).
 
     `first, last`: first and last lines of the file; `deck_first`: whether the deck is included before the statements;
-    `operating, transient, noise, temperature, mismatch`: the analyses, where ``temperatures`` and ``numbers`` (of the
-    runs) are lists separated by blanks; `run`: lines that start the other analyses if one analysis is a control block;
-    `one_a_run`: whether a file may hold one analysis only; `print_all`: statement that prints all voltages, with the
-    analysis as ``kind``; empty if they are saved by default; `probe`: statement that saves the quantities in the field
-    ``what``; `probe_voltage, probe_current`: a voltage and a current in the statement `probe`; `maximum, minimum,
-    value, crossing`: the statement of a `Measure` with this ``what``; `measure_first, measure_last`: lines around the
-    measurements.
+    `charged`: a transient that begins with the given voltages of capacitors, without an operating point, with the
+    relative tolerance ``reltol``, and the absolute ones ``abstol`` (amperes), ``vntol`` (volts) and ``chgtol``
+    (coulombs); `operating, transient, noise, temperature, mismatch`: the analyses, where ``temperatures`` and
+    ``numbers`` (of the runs) are lists separated by blanks; `run`: lines that start the other analyses if one analysis
+    is a control block; `one_a_run`: whether a file may hold one analysis only; `print_all`: statement that prints all
+    voltages, with the analysis as ``kind``; empty if they are saved by default; `probe`: statement that saves the
+    quantities in the field ``what``; `probe_voltage, probe_current`: a voltage and a current in the statement `probe`;
+    `maximum, minimum, value, crossing`: the statement of a `Measure` with this ``what``; `measure_first, measure_last`:
+    lines around the measurements.
     """
 
     first: tuple[str, ...]
@@ -266,6 +268,10 @@ class Statements:
     probe: str
     operating: tuple[str, ...] = (".op",)
     transient: tuple[str, ...] = (".tran {step} {stop} 0.0 {step}",)
+    charged: tuple[str, ...] = (
+        ".options reltol={reltol} abstol={abstol} vntol={vntol}",
+        ".tran {step} {stop} 0.0 {step} uic",
+    )
     noise: tuple[str, ...] = (".noise v({node}) {source} dec {points} {start} {stop}",)
     last: tuple[str, ...] = (".end",)
     deck_first: bool = False
@@ -342,17 +348,18 @@ class Dialect:
     simulator, of standard deviation ``sigma * value``; `spread_preamble`: lines that `spread_resistor` needs, for
     ``sigma``; `temperature_coefficients`: end of a resistor's line, for ``tc1`` in 1/K and ``tc2`` in 1/K^2;
     `piecewise`: end of a source's line for a piecewise linear waveform with ``points``, pairs of time and value;
-    `small_signal`: end of the line of a source of 1 V in a small-signal analysis; `expression`: an expression ``value``
-    in place of a number; `parameter`: definition of the parameter ``name``; `subcircuit`: first line of a subcircuit
-    (``name``, ``nodes``, ``defaults``); `parameters`: definition of a subcircuit's parameters, in a line of their own
-    if `parameters_in_body`, else in the first line; `instance`: an instance (``name``, ``nodes``, ``master``,
-    ``values``); `instance_parameters`: word before the values of an instance; `end_subcircuit`: last line of a
-    subcircuit; `include`: statement that includes ``file``; `precise`: options with which Newton's method converges to
-    1e-9 in circuits with nonlinear resistors; `end`: last line of a deck, may be empty; `statements`: statements of the
-    second file, which includes the deck and requests analyses; `quirks`: behaviour for defective circuits;
-    `nominal_temperature`: default temperature of element values, in degrees Celsius; `engines`: programs that can run
-    the decks, with their costs; `checks_itself`: whether a self-check deck is written; `reading`: rules for reading
-    decks of the dialect.
+    `small_signal`: end of the line of a source of 1 V in a small-signal analysis; `initial_voltage`: end of a
+    capacitor's line for its voltage at time 0, in a transient that begins with these voltages; `expression`: an
+    expression ``value`` in place of a number; `parameter`: definition of the parameter ``name``; `subcircuit`: first
+    line of a subcircuit (``name``, ``nodes``, ``defaults``); `parameters`: definition of a subcircuit's parameters, in
+    a line of their own if `parameters_in_body`, else in the first line; `instance`: an instance (``name``, ``nodes``,
+    ``master``, ``values``); `instance_parameters`: word before the values of an instance; `end_subcircuit`: last line
+    of a subcircuit; `include`: statement that includes ``file``; `precise`: options with which Newton's method
+    converges to 1e-9 in circuits with nonlinear resistors; `end`: last line of a deck, may be empty; `statements`:
+    statements of the second file, which includes the deck and requests analyses; `quirks`: behaviour for defective
+    circuits; `nominal_temperature`: default temperature of element values, in degrees Celsius; `engines`: programs that
+    can run the decks, with their costs; `checks_itself`: whether a self-check deck is written; `reading`: rules for
+    reading decks of the dialect.
     """
 
     name: str
@@ -374,6 +381,7 @@ class Dialect:
     temperature_coefficients: str = " tc1={tc1} tc2={tc2}"
     piecewise: str = " pwl({points})"
     small_signal: str = " ac 1"
+    initial_voltage: str = " ic={value}"
     expression: str = "{{{value}}}"
     parameter: str = ".param {name}={value}"
     subcircuit: str = ".subckt {name} {nodes}{defaults}"

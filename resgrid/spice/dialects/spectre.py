@@ -110,6 +110,10 @@ SPECTRE = Dialect(
         deck_first=True,
         operating=("operating_point dc oppoint=rawfile",),
         transient=("transient tran stop={stop} maxstep={step}",),
+        charged=(
+            "precise options reltol={reltol} vabstol={vntol} iabstol={abstol}",
+            "transient tran stop={stop} maxstep={step} skipdc=yes",
+        ),
         noise=("noise_at_node ({node} 0) noise start={start} stop={stop} dec={points} iprobe={source}",),
         temperature=(
             "temperatures sweep param=temp values=[{temperatures}] {{",

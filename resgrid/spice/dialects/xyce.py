@@ -58,6 +58,7 @@ XYCE = Dialect(
     statements=Statements(
         first=("* Xyce {deck}.xyce",),
         one_a_run=True,
+        charged=(".options timeint reltol={reltol} abstol={vntol}", ".tran {step} {stop} 0.0 {step} uic"),
         operating=(_SWEEP,),
         noise=(".noise v({node}) {source} dec {points} {start} {stop}", ".print noise format=csv onoise inoise"),
         temperature=(_SWEEP, ".step temp list {temperatures}"),

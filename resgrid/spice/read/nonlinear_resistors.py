@@ -11,6 +11,10 @@ from resgrid.spice.read.cards import Card, Token
 from resgrid.spice.read.element_tables import Elements
 from resgrid.spice.read.scopes import Scope
 
+_MEMRISTOR = re.compile(r"v\([^()]*\)/max\([-+.e\d]+-[-+.e\d]+\*v\(x[^()]*\),", re.IGNORECASE)
+"""Regular expression of the current through a memristor: its voltage, divided by a resistance that depends on a state.
+"""
+
 
 def read_nonlinear(card: Card, scope: Scope, elements: Elements) -> bool:
     """Add a nonlinear resistor ``I = current tanh(V / voltage)`` to `elements`; return whether the card describes one.
@@ -27,6 +31,16 @@ def read_nonlinear(card: Card, scope: Scope, elements: Elements) -> bool:
         raise card.error(None, f"{match['name']} carries {amps:g} A at {volts:g} V; both must be positive")
     elements.add("nonlinear resistor", match["name"], (match["a"], match["b"]), (amps, volts), card)
     return True
+
+
+def refuse_memristor(card: Card) -> None:
+    """Raise InputError if a card is a behavioural source of a memristor, in the form that resgrid writes."""
+    if _MEMRISTOR.search(card.text):
+        raise card.error(
+            None,
+            f"{card.text.split()[0]} belongs to a memristor, whose resistance depends on its history; resgrid checks "
+            "the transient of such a deck by its sidecar (check_deck), but cannot read it as a circuit of resistors",
+        )
 
 
 @lru_cache(maxsize=64)

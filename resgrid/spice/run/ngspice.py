@@ -25,7 +25,7 @@ if sys.platform == "linux":
     import resource
 
 EXECUTABLE_VARIABLE = "RESGRID_NGSPICE"
-_INSTALL = (
+INSTALL = (
     "the circuit simulator {name} is not installed: 'sudo apt-get install ngspice' (Debian, Ubuntu), "
     f"'brew install ngspice' (macOS), or set {EXECUTABLE_VARIABLE} to the program"
 )
@@ -99,10 +99,10 @@ def simulate(
     complaints in the result, not an exception.  Raises ToolMissingError if ngspice is not installed, InputError for a
     deck with commands, and BudgetError after the timeout.
     """
-    program = find_program(EXECUTABLE_VARIABLE, "ngspice", _INSTALL)
+    program = find_program(EXECUTABLE_VARIABLE, "ngspice", INSTALL)
     refuse_commands(data, source, models=direct, includes=bool(files))
     with temporary_folder() as folder:
-        version = _version(program, folder)
+        version = version_of(program, folder)
         own = folder.joinpath(*["_"] * MAX_ASCENT) if files else folder
         for where, content in {place: data, **files}.items():
             (own / where).parent.mkdir(parents=True, exist_ok=True)
@@ -117,7 +117,7 @@ def simulate(
 def ngspice_version() -> str:
     """Return the version of the installed ngspice, e.g. ``"39"``; ``"unknown"`` if it prints none."""
     with temporary_folder() as folder:
-        return _version(find_program(EXECUTABLE_VARIABLE, "ngspice", _INSTALL), folder)
+        return version_of(find_program(EXECUTABLE_VARIABLE, "ngspice", INSTALL), folder)
 
 
 def find_program(variable: str, name: str, remedy: str) -> str:
@@ -153,7 +153,7 @@ def refuse_commands(data: bytes, source: str, *, models: bool = False, includes:
             )
 
 
-def _version(program: str, folder: Path) -> str:
+def version_of(program: str, folder: Path) -> str:
     """Return the version that ngspice prints, ``"unknown"`` if it prints none within 10 s.
 
     `program`: path of ngspice; `folder`: folder for the log.
@@ -230,9 +230,7 @@ def result_in(folder: Path, simulator: str, version: str, status: int) -> Simula
 
     `simulator, version`: name and version of the simulator; `status`: its exit status, which appears in messages only.
     """
-    lines = (re.sub(r"\s+", " ", line).strip() for line in re.split(r"[\r\n]+", _read_log(folder)))
-    bad = dict.fromkeys(line for line in lines if _COMPLAINT.search(line) and not _HARMLESS.search(line))
-    complaints = tuple(f"{simulator} says: {line[:200]}" for line in list(bad)[:_MAX_COMPLAINTS])
+    complaints = complaints_in(folder, simulator)
     try:
         raw = _operating_point(folder / RAW)
     except InputError as error:
@@ -244,6 +242,13 @@ def result_in(folder: Path, simulator: str, version: str, status: int) -> Simula
             inner += ")" * (inner.count("(") - inner.count(")"))  # ngspice writes v(net-(r1) for net-(r1)
             read[kind][inner.removesuffix("#branch")] = value
     return SimulatorRun(read["voltage"], read["current"], simulator, version, complaints)
+
+
+def complaints_in(folder: Path, simulator: str) -> tuple[str, ...]:
+    """Return the warnings and errors in the log in a folder, without harmless ones; `simulator`: its name."""
+    lines = (re.sub(r"\s+", " ", line).strip() for line in re.split(r"[\r\n]+", _read_log(folder)))
+    bad = dict.fromkeys(line for line in lines if _COMPLAINT.search(line) and not _HARMLESS.search(line))
+    return tuple(f"{simulator} says: {line[:200]}" for line in list(bad)[:_MAX_COMPLAINTS])
 
 
 def _operating_point(path: Path) -> RawFile:

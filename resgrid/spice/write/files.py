@@ -139,7 +139,7 @@ def write_spice(
     .op
     .end
     """
-    target = _checked_target(Path(file))
+    target = checked_target(Path(file))
     circuit, requested = _apply_mismatch(circuit, analyses)
     op = circuit if isinstance(circuit, OperatingPoint) else solve(circuit)
     added = additions(requested, op.netlist, dialect_named(dialect))
@@ -206,7 +206,7 @@ def _apply_mismatch(
     return mismatch.apply(netlist), requested
 
 
-def _checked_target(target: Path) -> Path:
+def checked_target(target: Path) -> Path:
     """Return `target`, the path of a deck; raise InputError if no sidecar or command file can accompany a deck there.
 
     The path must be a regular file or absent, and its name printable and without double quotes.

@@ -93,12 +93,12 @@ def flatten(
     a netlist without grounded nodes, and CircuitError for a current source that drives a floating node.
     """
     rules = dialect_named(dialect)
-    held = _grounded_nodes(netlist)
+    held = grounded_nodes(netlist)
     names = name_nodes(netlist, rules, held)
-    elements = _choose_elements(netlist, held)
+    elements = choose_elements(netlist, held)
     element_names = {kind: name_elements(netlist, kind, chosen, names) for kind, chosen in elements.items()}
     ohms = resistances(netlist.conductance[elements["resistor"]])
-    heading = _one_line_title(netlist, title)
+    heading = one_line_title(netlist, title)
     nodes = np.flatnonzero(held)[1:]  # without ground
     node_names = [names[node] for node in nodes.tolist()]
     left_out = netlist.names_of(np.flatnonzero(~held))
@@ -114,7 +114,7 @@ def flatten(
     for kind, chosen in elements.items():
         if chosen.size:
             columns = {"name": element_names[kind], **({"value": plain(ohms)} if kind == "resistor" else {})}
-            lines += [f"{rules.comment}{kind}s", *_lines_of(netlist, rules, kind, chosen, names, columns, additions)]
+            lines += [f"{rules.comment}{kind}s", *lines_of(netlist, rules, kind, chosen, names, columns, additions)]
     return FlatDeck(
         netlist=netlist,
         text="\n".join([*lines, *([rules.end] if rules.end else []), ""]),
@@ -183,7 +183,7 @@ def rounded(values: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.asarray(np.rint(values * scale) / scale)
 
 
-def _grounded_nodes(netlist: Netlist) -> NDArray[np.bool_]:
+def grounded_nodes(netlist: Netlist) -> NDArray[np.bool_]:
     """Return the mask (node_count,) of the nodes that resistors and voltage sources connect to ground.
 
     Raises InputError if only ground is in the mask, and CircuitError for a current source that drives a floating node.
@@ -204,7 +204,7 @@ def _grounded_nodes(netlist: Netlist) -> NDArray[np.bool_]:
     return held
 
 
-def _choose_elements(netlist: Netlist, held: NDArray[np.bool_]) -> dict[str, NDArray[np.int64]]:
+def choose_elements(netlist: Netlist, held: NDArray[np.bool_]) -> dict[str, NDArray[np.int64]]:
     """Return the netlist indices of the elements in the deck, by kind, sorted by nodes and then by values.
 
     Kinds are ``"resistor"``, ``"voltage source"`` and so on.  Elements at nodes outside the deck, and voltage sources
@@ -229,7 +229,7 @@ def _choose_elements(netlist: Netlist, held: NDArray[np.bool_]) -> dict[str, NDA
     return chosen
 
 
-def _lines_of(
+def lines_of(
     netlist: Netlist,
     rules: Dialect,
     kind: str,
@@ -303,7 +303,7 @@ def _renamed(names: Sequence[str], given: Sequence[str] | None, numbers: NDArray
     return {name: original for name, original in pairs if name != original}
 
 
-def _one_line_title(netlist: Netlist, title: str | None) -> str:
+def one_line_title(netlist: Netlist, title: str | None) -> str:
     """Return the title as one line of at most 200 printable ASCII characters, as old simulators read only ASCII.
 
     `title`: text of the title; None for a description of the netlist.

@@ -1,4 +1,4 @@
-"""Transient analysis of netlists with capacitors."""
+"""Transient analysis of linear netlists with capacitors."""
 
 from __future__ import annotations
 
@@ -216,13 +216,7 @@ def transient(
     >>> rg.circuit.transient(rc, [0.0, 1e-6, 5e-6]).voltage[:, 2].round(3)
     array([0.   , 0.632, 0.993])
     """
-    when = np.array(real_numbers("times", times), dtype=np.float64)
-    if when.ndim != 1 or not len(when):
-        raise InputError(f"times has shape {when.shape}; it must be one-dimensional, with at least one time")
-    if not (np.isfinite(when).all() and (when >= 0).all() and (np.diff(when) >= 0).all()):
-        with np.errstate(invalid="ignore"):
-            bad = int(np.argmin(np.isfinite(when) & (np.diff(when, prepend=0.0) >= 0)))
-        raise InputError(f"times[{bad}] = {when[bad]}: times must be finite, at least 0 and ascending, in seconds")
+    when = checked_times(times)
     dynamics = dynamics_of(netlist)
     factors = lru_cache(_KEPT)(lambda rate: factor_resolvent(dynamics, rate, solver))
     start = np.zeros((2, dynamics.size))
@@ -284,6 +278,18 @@ def transient_stepper(
     dynamics = dynamics_of(netlist)
     factors = factor_resolvent(dynamics, rate_of(method, float(step)), solver) if dynamics.size else None
     return TransientStepper(dynamics, float(step), method, factors)
+
+
+def checked_times(times: ArrayLike) -> NDArray[np.float64]:
+    """Return output times as an array (t,), in seconds; raise InputError unless they are ascending and not negative."""
+    when = np.array(real_numbers("times", times), dtype=np.float64)
+    if when.ndim != 1 or not len(when):
+        raise InputError(f"times has shape {when.shape}; it must be one-dimensional, with at least one time")
+    if not (np.isfinite(when).all() and (when >= 0).all() and (np.diff(when) >= 0).all()):
+        with np.errstate(invalid="ignore"):
+            bad = int(np.argmin(np.isfinite(when) & (np.diff(when, prepend=0.0) >= 0)))
+        raise InputError(f"times[{bad}] = {when[bad]}: times must be finite, at least 0 and ascending, in seconds")
+    return when
 
 
 def initial_voltages(netlist: Netlist, initial: OperatingPoint | ArrayLike | None) -> NDArray[np.float64]:

@@ -1,0 +1,1 @@
+"""Transients: linear RC circuits (`linear`), and circuits with memristors (`memristors`, `memristive`)."""
