@@ -114,6 +114,7 @@ def test_pictures_and_decks_of_arms_are_made(call, scara, tmp_path) -> None:
     assert call("compile", scara, "-o", tmp_path / "scara.cir").exit_code == 0
 
 
+@pytest.mark.usefixtures("without_pictures")
 def test_a_joint_without_a_limit_leaves_the_paths_untimed(call, scara, tmp_path) -> None:
     robot = tmp_path / "scara.urdf"
     robot.write_text((Path(rg.read_scene(scara).robot.file)).read_text().replace('velocity="6.5"', 'velocity="0"'))

@@ -58,6 +58,7 @@ def test_a_second_run_replaces_its_files_and_keeps_other_files(call, lesson, tmp
     assert {"page.png", "dirichlet.cir"} <= names(folder)
 
 
+@pytest.mark.usefixtures("without_pictures")
 def test_a_manipulated_summary_does_not_remove_files_outside_the_folder(call, lesson, tmp_path):
     folder = tmp_path / "out"
     folder.mkdir()
@@ -86,6 +87,7 @@ def test_a_scene_without_starts_exits_with_0(call, lesson, tmp_path):
     assert "paths.csv" not in names(tmp_path / "out")
 
 
+@pytest.mark.usefixtures("without_pictures")
 def test_runs_on_ros_maps_write_ros_messages(answer, call, ros_map, tmp_path):
     folder = tmp_path / "out"
     words = ("run", ros_map, "--goal", "0.7,0.5", "--no-check", "-o", folder)
@@ -132,6 +134,7 @@ def test_maps_of_one_and_four_axes_run(call, tmp_path):
         assert "page.png" in names(folder)
 
 
+@pytest.mark.usefixtures("without_pictures")
 def test_slow_decks_are_simulated_only_with_the_check_option(call, lesson, tmp_path, monkeypatch):
     monkeypatch.setattr("resgrid.cli.check.MAX_AUTOMATIC_SECONDS", 1e-9)
     deck = tmp_path / "out" / "dirichlet.cir"
@@ -142,6 +145,7 @@ def test_slow_decks_are_simulated_only_with_the_check_option(call, lesson, tmp_p
     assert result.exit_code == 0 and "agrees" in result.stdout
 
 
+@pytest.mark.usefixtures("without_pictures")
 def test_decks_of_other_simulators_are_not_verified(answer, lesson, tmp_path):
     for words, code in (((), 0), (("--check",), 5)):
         data = answer("run", lesson, "--dialect", "xyce", *words, "-o", tmp_path / "out", code=code)

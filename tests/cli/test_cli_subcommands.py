@@ -211,6 +211,7 @@ def test_check_compares_deck_scene_and_simulator(answer, call, lesson, tmp_path)
     assert answer("check", deck)["reference"] == "solve"
 
 
+@pytest.mark.usefixtures("without_pictures")
 def test_a_missing_simulator_exits_with_3(call, lesson, monkeypatch, tmp_path):
     monkeypatch.setenv("RESGRID_NGSPICE", "no-such-ngspice")
     result = call("check", lesson)
