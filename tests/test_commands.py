@@ -214,11 +214,11 @@ def test_options_in_running_text_exist(place: str) -> None:
 
 
 def test_targets_and_scripts_in_running_text_exist() -> None:
-    targets = set(re.findall(r"^([a-z]+):", (PROJECT / "Makefile").read_text(), re.MULTILINE))
+    targets = set(re.findall(r"^([a-z-]+):", (PROJECT / "Makefile").read_text(), re.MULTILINE))
     files = [*PROJECT.glob("*.md"), *(PROJECT / "docs").rglob("*.md"), *(PROJECT / "benchmarks").rglob("*.md")]
     for file in files:
         text = file.read_text(encoding="utf-8")
-        named = set(re.findall(r"(?:`|^\$ )make ([a-z]+)\b", text, re.MULTILINE))
+        named = set(re.findall(r"(?:`|^\$ )make ([a-z-]+)\b", text, re.MULTILINE))
         assert named <= targets, file
         scripts = set(re.findall(r"\bscripts/[\w.]+\.(?:sh|py)\b", text))
         assert all((PROJECT / script).is_file() for script in scripts), file
