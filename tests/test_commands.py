@@ -176,12 +176,14 @@ def _run_all(pieces: list[Piece]) -> None:
 PAGES = pages()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("place", PAGES)
 def test_commands_of_a_page_run_in_order(place: str, desk: Path) -> None:
     last = max(number for number, piece in enumerate(PAGES[place]) if piece.kind != "python")
     _run_all(PAGES[place][: last + 1])
 
 
+@pytest.mark.slow
 def test_commands_of_docstrings_scenes_and_the_live_page_run(desk: Path) -> None:
     _run_all(sources())
 

@@ -48,6 +48,7 @@ def test_blends_have_two_decks_and_one_page_each(call, lesson, tmp_path):
     assert result.stdout.count("reached goal 0") == 3
 
 
+@pytest.mark.slow
 def test_a_second_run_replaces_its_files_and_keeps_other_files(call, lesson, tmp_path):
     folder = tmp_path / "out"
     assert call("run", lesson, "--k", "0,1", "--no-check", "-o", folder).exit_code == 0
@@ -115,6 +116,7 @@ def ros_map(tmp_path):
     return tmp_path / "map.yaml"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scene", ["ring", "voxels"])
 def test_periodic_and_voxel_scenes_run_and_agree_with_ngspice(call, scenes, tmp_path, scene):
     words = [f"--set=grid.axes.{axis}.cells=12" for axis in range(2 + (scene == "voxels"))]
@@ -186,6 +188,7 @@ def test_single_pictures_have_the_title_of_the_scene(call, lesson, tmp_path, kin
     assert "<!-- Eight by eight -->" in file.read_text()
 
 
+@pytest.mark.slow
 def test_pictures_are_written_in_several_formats_and_invalid_ones_rejected(call, answer, lesson, scenes, tmp_path):
     assert call("plot", lesson, "--what", "space", "-o", "-").stdout_bytes.startswith(b"\x89PNG")
     assert answer("plot", lesson, "-o", tmp_path / "a.svg")["what"] == "page"

@@ -335,6 +335,7 @@ def test_unknown_subcommands_and_values_are_answered_with_valid_ones(call, room,
         assert result.exit_code == 2 and choices in result.stderr
 
 
+@pytest.mark.slow
 def test_animate_draws_only_the_first_of_several_runs(call, room, tmp_path):
     from PIL import Image
 

@@ -297,6 +297,7 @@ def test_a_board_has_pictures() -> None:
         rg.draw(board, side="left")
 
 
+@pytest.mark.slow
 def test_kicad_writes_the_files_for_a_manufacturer(tmp_path: Path) -> None:
     """Needs kicad-cli, which `scripts/unpack_kicad.sh .venv-kicad` provides."""
     scene = 'schema = 1\ntitle = "Small"\nstarts = [[0.5, 0.5]]\n[grid]\naxes = [{ name = "x", lower = 0, upper = 5, '

@@ -111,6 +111,7 @@ def test_failed_paths_have_the_reasons_of_rg_plan(scenes, name):
     assert [reason + radius for reason in reasons] == full != []
 
 
+@pytest.mark.slow
 def test_a_changed_drawing_cancels_a_running_settle_request(served):
     first, other = blank(96), replace(blank(96), k=0.0)
     with dial(served) as socket:
@@ -304,6 +305,7 @@ def test_browsers_beyond_the_limit_get_status_403(served):
         assert "hello" in read(later.recv(timeout=PATIENCE))[0]
 
 
+@pytest.mark.slow
 def test_slow_and_busy_browsers_do_not_delay_other_browsers(served):
     """Small requests are answered before the request of another browser for a large grid."""
     large, small = about("solve", blank(768), exact=True), about("solve", blank(24), exact=True)

@@ -177,6 +177,7 @@ def solved(space: rg.ConfigurationSpace, **options: object) -> rg.Field:
         raise
 
 
+@pytest.mark.slow
 @settings(max_examples=80)
 @given(
     spaces(),

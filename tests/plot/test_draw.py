@@ -268,11 +268,13 @@ def test_draw_uses_and_returns_the_given_axes(field: rg.Field) -> None:
     assert [text.get_text() for text in axes.get_legend().get_texts()].count("obstacle") == 1
 
 
+@pytest.mark.slow
 def test_png_representations_equal_the_rendered_figure(field: rg.Field, cube: rg.Field) -> None:
     for draw in (lambda: rg.draw(field), lambda: rg.draw(field).figure, lambda: rg.draw(cube)):
         assert draw()._repr_png_() == render_figure(draw(), "png", dpi=100)
 
 
+@pytest.mark.slow
 def test_central_types_have_a_one_line_repr_and_an_html_picture(run: rg.control.Run, field: rg.Field) -> None:
     op = rg.solve(rg.compile_space(small_space()))
     pictured = (run.scene, field.space, field, op, small_op(), run, rg.study(small_op()).power())

@@ -135,6 +135,7 @@ def test_paths_of_other_spaces_raise_input_error(field: rg.Field, cube: rg.Field
             rg.plot.draw_summary(each, [path])
 
 
+@pytest.mark.slow
 @settings(max_examples=12)
 @given(spaces(), st.sampled_from(["dirichlet", "neumann", "wall"]), st.booleans())
 def test_every_field_has_a_summary(space: rg.ConfigurationSpace, boundary: str, periodic: bool) -> None:

@@ -72,6 +72,7 @@ def test_the_walls_in_front_of_a_closed_room_are_transparent() -> None:
     assert view.hidden(inside - (0.0, 0.0, 1.0), [surface]).all()  # below the floor
 
 
+@pytest.mark.slow
 def test_a_path_is_drawn_with_slices_at_its_heights(planner: rg.planning.Planner) -> None:
     path = planner.path((1.25, 2.25, 1.25))
     figure = rg.draw(path)

@@ -86,6 +86,7 @@ def test_the_centre_rule_equals_exact_collision_tests_at_cell_centres(arm):
     assert not (blocked & ~arm.occupancy(axes, OBSTACLES, "conservative")).any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arm", ARMS[:2])
 def test_few_blocked_cells_are_entirely_free(arm):
     """The over-approximation: cells lost although no sampled configuration in them collides."""
