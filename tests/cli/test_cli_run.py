@@ -38,6 +38,7 @@ def test_run_writes_all_results_into_one_folder(answer, lesson, tmp_path):
     assert answer("check", folder / "dirichlet.cir")["agrees"]
 
 
+@pytest.mark.slow
 def test_blends_have_two_decks_and_one_page_each(call, lesson, tmp_path):
     folder = tmp_path / "out"
     result = call("run", lesson, "--k", "0,0.5,1", "--no-check", "-o", folder)

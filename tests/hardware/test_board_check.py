@@ -42,7 +42,7 @@ def board(boards: dict[str, Path], tmp_path: Path) -> Path:
     return Path(shutil.copytree(boards["fixed"], tmp_path / "board"))
 
 
-@pytest.mark.parametrize("kind", ["fixed", "jumpers"])
+@pytest.mark.parametrize("kind", ["fixed", pytest.param("jumpers", marks=pytest.mark.slow)])
 def test_a_written_board_agrees_with_its_record(boards: dict[str, Path], kind: str) -> None:
     check = rg.hardware.check_board(boards[kind])
     record = rg.hardware.read_record(boards[kind] / "grid.kicad_pcb")

@@ -323,6 +323,7 @@ def test_slow_and_busy_browsers_do_not_delay_other_browsers(served):
         assert read(busy.recv(timeout=PATIENCE))[0]["exact"]
 
 
+@pytest.mark.slow
 def test_concurrent_answers_equal_those_of_solve_drawing(served):
     drawings = [replace(blank(cells), k=k) for cells in (96, 64) for k in (0.0, 1.0)]
 
@@ -400,6 +401,7 @@ def test_elements_of_a_small_circuit_obey_ohm_and_kirchhoff():
     assert describe(solve_drawing(blank(11), exact=True))[0]["circuit"] is None
 
 
+@pytest.mark.slow
 def test_save_returns_svg_of_the_field_and_of_small_circuits(served):
     with dial(served) as socket:
         socket.recv(timeout=PATIENCE)

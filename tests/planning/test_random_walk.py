@@ -30,6 +30,7 @@ def transitions(netlist: rg.Netlist) -> tuple[np.ndarray, np.ndarray]:
     return W, netlist.cells.free_node
 
 
+@pytest.mark.slow
 @settings(max_examples=80)
 @given(spaces(max_cells=7), st.sampled_from(BOUNDARIES))
 def test_random_walk_results_equal_those_of_an_absorbing_markov_chain(

@@ -62,6 +62,7 @@ def test_the_centre_rule_equals_exact_collision_tests_at_cell_centres(robot):
     assert 0 < lost < 0.2, f"{lost:.2%} of the volume is lost to the conservative rule at this coarse grid"
 
 
+@pytest.mark.slow
 def test_few_blocked_cells_are_entirely_free_at_fine_headings():
     axes = axes_of(KITE, (30, 20, 64))
     blocked = KITE.occupancy(axes, OBSTACLES, "conservative")

@@ -89,6 +89,7 @@ def test_an_untouched_deck_agrees(deck: Path) -> None:
     assert (agreement.reference, agreement.simulator, agreement.nodes) == ("sidecar", "ngspice", 39)
 
 
+@pytest.mark.slow
 @settings(max_examples=25)
 @given(st.data())
 def test_any_changed_byte_of_a_deck_fails_the_check(original: Path, data: st.DataObject) -> None:
