@@ -126,6 +126,7 @@ def test_periodic_and_voxel_scenes_run_and_agree_with_ngspice(call, scenes, tmp_
     assert "page.png" in names(tmp_path / "out") and "agrees" in result.stdout
 
 
+@pytest.mark.slow
 def test_maps_of_one_and_four_axes_run(call, tmp_path):
     for ndim in (1, 4):
         cell = np.zeros((4,) * ndim, dtype=np.uint8)

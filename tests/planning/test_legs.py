@@ -42,6 +42,7 @@ def certify_legs(path):
     assert np.allclose(ends, starts) if ends else True
 
 
+@pytest.mark.slow
 def test_the_nearest_reachable_place_equals_brute_force():
     """The reference labels the start's region by scipy and takes the smallest distance of its boxes from the goal."""
     rng, seen = np.random.default_rng(0), set()

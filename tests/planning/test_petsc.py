@@ -284,6 +284,7 @@ def test_a_killed_rank_is_reported_and_ends_the_other_ranks(tmp_path: Path, monk
     assert not list(tmp_path.glob("resgrid-*"))
 
 
+@pytest.mark.slow
 def test_an_interrupt_ends_the_ranks_and_removes_the_files(tmp_path: Path) -> None:
     worker = tmp_path / "sleeping_worker.py"
     worker.write_text("import pathlib, sys, time\npathlib.Path(sys.argv[1] + '/../began').touch()\ntime.sleep(600)\n")

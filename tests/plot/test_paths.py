@@ -103,6 +103,7 @@ def test_lines_break_at_seams_and_keep_their_length(cells: int) -> None:
     assert crossed > 0
 
 
+@pytest.mark.slow
 def test_summary_panels_are_side_by_side_or_stacked(field: rg.Field) -> None:
     figure = rg.plot.draw_summary(field, [rg.streamline(field, cell=(0, 4))], title="Title")
     assert [axes.get_title() for axes in figure.axes[:2]] == ["Potential and paths", "Current"]

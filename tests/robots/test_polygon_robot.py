@@ -127,6 +127,7 @@ def test_the_shipped_scene_has_no_collision_at_any_number_of_headings(scenes, tu
     assert not overlaps(scene.robot, space.lower + (chosen + share) * space.spacing, scene.obstacles)[1].any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("robot", [BAR, ELL])
 def test_map_cells_are_obstacles_of_turning_robots(robot):
     """Irregular walls, single cells, a ring around a cell, and cells smaller than the robot."""
