@@ -69,7 +69,6 @@ def test_rows_of_a_window_are_ordered_by_length() -> None:
     assert np.all((np.diff(length) >= 0) | (np.diff(colour[order]) > 0))
 
 
-@pytest.mark.slow
 @settings(max_examples=60)
 @given(**GRAPHS, strict=st.booleans())
 def test_aggregates_are_connected_and_their_sums_conserve_conductance(
