@@ -1,7 +1,10 @@
 # make demo    install into .venv and run the shipped example, which compiles the kernels that it needs
-# make test    install the requirements of the tests (ngspice, Chromium, KiCad, PETSc), compile all kernels, and run the tests
+# make test    make tools and warm, and run the tests without the mark 'slow'
+# make test-slow  make tools and warm, and run the tests with the mark 'slow' (CONTRIBUTING.md has the rule)
+# make tools   install the requirements of the tests: packages, ngspice, Chromium, KiCad, PETSc
 # make warm    compile all kernels on all cores
-# make targets run the numerical tests with code for other processors (plain x86-64, and AVX-512 if available)
+# make targets run the numerical tests without the mark 'slow' with code for other processors (plain x86-64, and AVX-512
+#              if available)
 # make check   check lint, formatting, types (also of the live page's modules), import contracts and vague words
 # make format  apply the formatter and the safe fixes
 # make bench   compare resgrid with peer solvers, installed into .venv-bench (BENCH=full: large sizes; SECTIONS="plane memory")
@@ -35,20 +38,28 @@ INSTALLED_BENCH := $(BENCH_VENV)/.installed
 PIP := $(BIN)/python -m pip install --disable-pip-version-check $(shell test -t 2 || echo --quiet)
 KEEP_MEMORY := MALLOC_MMAP_THRESHOLD_=4294967296 MALLOC_TRIM_THRESHOLD_=17179869184 MALLOC_TOP_PAD_=268435456
 
+# A worker runs neighbouring tests, which share fixtures, and takes tests from the end of another worker's part.
+PYTEST = $(BIN)/python -m pytest -n $(JOBS) --dist worksteal
+
 TARGETS := generic $(shell grep -qm1 avx512f /proc/cpuinfo 2>/dev/null && echo skylake-avx512)
 
-.PHONY: demo test warm targets check format bench fuzz golden docs look reference versions clean
+.PHONY: demo test test-slow tools warm targets check format bench fuzz golden docs look reference versions clean
 .DELETE_ON_ERROR:
 
 demo: $(INSTALLED)
 	$(BIN)/resgrid run $(SCENE) -o $(OUT)
 
-test: $(INSTALLED_DEV) warm
+test: tools warm
+	$(PYTEST) -m "not slow"
+
+test-slow: tools warm
+	$(PYTEST) -m slow
+
+tools: $(INSTALLED_DEV)
 	scripts/install_ngspice.sh
 	scripts/install_chromium.sh
 	scripts/unpack_kicad.sh .venv-kicad
 	scripts/install_petsc.sh || true
-	$(BIN)/python -m pytest -n $(JOBS)
 
 warm: | $(INSTALLED)
 	$(BIN)/python -m resgrid.cli.warm
@@ -56,7 +67,7 @@ warm: | $(INSTALLED)
 targets: $(INSTALLED_DEV)
 	for target in $(TARGETS); do \
 		NUMBA_CPU_NAME=$$target OPENBLAS_CORETYPE=Prescott \
-		$(BIN)/python -m pytest -q -n $(JOBS) tests/circuit tests/solvers tests/chip tests/control || exit 1; \
+		$(PYTEST) -q -m "not slow" tests/circuit tests/solvers tests/chip tests/control || exit 1; \
 	done
 
 check: $(INSTALLED_DEV) $(TYPESCRIPT)

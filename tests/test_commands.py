@@ -176,12 +176,14 @@ def _run_all(pieces: list[Piece]) -> None:
 PAGES = pages()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("place", PAGES)
 def test_commands_of_a_page_run_in_order(place: str, desk: Path) -> None:
     last = max(number for number, piece in enumerate(PAGES[place]) if piece.kind != "python")
     _run_all(PAGES[place][: last + 1])
 
 
+@pytest.mark.slow
 def test_commands_of_docstrings_scenes_and_the_live_page_run(desk: Path) -> None:
     _run_all(sources())
 
@@ -214,11 +216,11 @@ def test_options_in_running_text_exist(place: str) -> None:
 
 
 def test_targets_and_scripts_in_running_text_exist() -> None:
-    targets = set(re.findall(r"^([a-z]+):", (PROJECT / "Makefile").read_text(), re.MULTILINE))
+    targets = set(re.findall(r"^([a-z-]+):", (PROJECT / "Makefile").read_text(), re.MULTILINE))
     files = [*PROJECT.glob("*.md"), *(PROJECT / "docs").rglob("*.md"), *(PROJECT / "benchmarks").rglob("*.md")]
     for file in files:
         text = file.read_text(encoding="utf-8")
-        named = set(re.findall(r"(?:`|^\$ )make ([a-z]+)\b", text, re.MULTILINE))
+        named = set(re.findall(r"(?:`|^\$ )make ([a-z-]+)\b", text, re.MULTILINE))
         assert named <= targets, file
         scripts = set(re.findall(r"\bscripts/[\w.]+\.(?:sh|py)\b", text))
         assert all((PROJECT / script).is_file() for script in scripts), file

@@ -18,6 +18,9 @@ API = PROJECT / "docs" / "reference" / "api"
 PAGES = sorted(page for page in API.glob("*.rst") if page.stem != "index")
 
 
+SLOW = {"chips", "control", "decks", "fields"}
+"""Pages whose sessions take more than two seconds."""
+
 NAMESPACES = [name for name in rg.__all__ if inspect.ismodule(getattr(rg, name))]
 
 
@@ -48,7 +51,9 @@ def test_every_function_of_a_page_is_used_in_its_session() -> None:
     assert {name for name in functions if not any(f"{one}.".startswith(f"{name}.") for one in used)} == set()
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+@pytest.mark.parametrize(
+    "page", [pytest.param(page, id=page.stem, marks=[pytest.mark.slow] * (page.stem in SLOW)) for page in PAGES]
+)
 def test_sessions_of_a_page_have_the_printed_output(
     page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -13,6 +13,7 @@ PROJECT = Path(__file__).resolve().parents[1]
 EXAMPLES = sorted((PROJECT / "examples").glob("*/*.py"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("script", EXAMPLES, ids=lambda script: f"{script.parent.name}/{script.stem}")
 def test_every_example_runs_alone_and_writes_a_picture(
     script: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import pty
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -31,8 +32,24 @@ def test_the_demo_installs_the_live_page_without_compiling_kernels() -> None:
 
 
 def test_kernels_are_compiled_before_tests_and_by_make_warm() -> None:
-    assert commands_of("test").index("-m resgrid.cli.warm") < commands_of("test").index("-m pytest")
+    for target in ("test", "test-slow"):
+        assert commands_of(target).index("-m resgrid.cli.warm") < commands_of(target).index("-m pytest")
     assert "-m resgrid.cli.warm" in commands_of("warm")
+
+
+def test_make_test_and_make_test_slow_run_every_test_once() -> None:
+    quick, slow = (commands_of(target).splitlines()[-1] for target in ("test", "test-slow"))
+    assert quick.endswith(' -m "not slow"') and slow.endswith(" -m slow")
+    assert quick.removesuffix('"not slow"') == slow.removesuffix("slow")
+    steps = re.findall(r"^run \d+m ([a-z-]+)", (PROJECT / ".ci" / "run").read_text(), re.MULTILINE)
+    assert {"check", "test", "test-slow", "targets", "docs"} <= set(steps)
+
+
+@pytest.mark.parametrize("target", ["test", "test-slow"])
+def test_requirements_of_tests_are_installed_before_the_tests_run(target: str) -> None:
+    commands = commands_of(target)
+    for script in ("install_ngspice", "install_chromium", "unpack_kicad", "install_petsc"):
+        assert commands.index(script) < commands.index("-m pytest")
 
 
 def test_pip_prints_progress_on_a_terminal_only() -> None:

@@ -124,6 +124,7 @@ def test_the_wheel_contains_every_file_of_the_package(wheel: Path) -> None:
     assert {f"resgrid/scene/examples/{name}.toml" for name in SCENES} <= held
 
 
+@pytest.mark.slow
 def test_the_wheel_runs_a_shipped_scene_in_an_empty_folder(program: Path, tmp_path: Path) -> None:
     words = ("run", "lesson", "--no-check")
     done = run(program, tmp_path, str(program.with_name("resgrid")), *words, "--json")

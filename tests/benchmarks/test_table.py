@@ -72,6 +72,7 @@ def test_jobs_alternate() -> None:
     assert spread([3.0, 1.0, 2.0]) == Spread(2.0, 1.0, 3.0)
 
 
+@pytest.mark.slow
 def test_a_failed_section_is_reported_and_others_keep_their_rows(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -41,6 +41,7 @@ def op(netlist: rg.Netlist) -> rg.OperatingPoint:
     return rg.solve(netlist)
 
 
+@pytest.mark.slow
 def test_the_transient_agrees_with_ngspice_and_ends_at_the_operating_point(
     netlist: rg.Netlist, op: rg.OperatingPoint, tmp_path: Path
 ) -> None:

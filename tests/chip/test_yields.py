@@ -249,6 +249,7 @@ print(numbers(result))
 """
 
 
+@pytest.mark.slow
 def test_a_killed_run_resumes_from_its_checkpoint_with_the_same_results(tmp_path: Path) -> None:
     here = Path(__file__).parent
     checkpoint = tmp_path / "chips.jsonl"
@@ -295,6 +296,7 @@ def test_a_run_that_ended_within_a_batch_is_resumed_at_its_last_trial(tmp_path: 
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["processes", "loky", "parsl"])
 def test_results_and_checkpoint_are_the_same_when_a_worker_process_is_killed(kind: str, tmp_path: Path) -> None:
     """For dask and MPI, see the tests of the command line."""

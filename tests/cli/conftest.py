@@ -20,6 +20,12 @@ def answer() -> Callable[..., dict[str, Any]]:
 
 
 @pytest.fixture
+def without_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let ``resgrid run`` write no pictures, most of its time on small grids."""
+    monkeypatch.setattr("resgrid.cli.run.draw_all", lambda *_drawn: {})
+
+
+@pytest.fixture
 def lesson(scenes: Path) -> Path:
     return scenes / "lesson.toml"
 

@@ -135,10 +135,10 @@ def test_messages_use_the_correct_article_before_type_names():
 
 
 def test_an_angle_that_looks_like_degrees_is_reported(call, scenes):
-    arm = scenes / "problem_two_goals.toml"
-    message = call("info", arm, "--start", "90,0").stderr
+    arm = (scenes / "problem_two_goals.toml", "--set", "grid.cells=20")
+    message = call("info", *arm, "--start", "90,0").stderr
     assert (
         message
         == "starts[0]: theta_1 = 90 is an angle of 14.3 turns; give angles in radians (90 degrees are 1.5708 rad)\n"
     )
-    assert call("info", arm, "--start", "1.5708,0").stderr == ""
+    assert call("info", *arm, "--start", "1.5708,0").stderr == ""

@@ -32,6 +32,7 @@ def times_of(message) -> list[float]:
     return [p["time_from_start"]["sec"] + p["time_from_start"]["nanosec"] * 1e-9 for p in message["points"]]
 
 
+@pytest.mark.slow
 def test_run_writes_timed_and_tested_trajectories(call, scara, tmp_path) -> None:
     folder = tmp_path / "out"
     result = call("run", scara, "--no-check", "-o", folder)
@@ -108,12 +109,14 @@ def test_a_path_that_collides_is_a_negative_answer(call, scara, tmp_path) -> Non
     assert path["collision"]["bodies"][1].startswith("obstacle[0]") and path["workspace_clearance"] == 0.0
 
 
+@pytest.mark.slow
 def test_pictures_and_decks_of_arms_are_made(call, scara, tmp_path) -> None:
     assert call("plot", scara, "--what", "robot", "-o", tmp_path / "robot.png").exit_code == 0
     assert call("plot", scara, "-o", tmp_path / "page.png").exit_code == 0
     assert call("compile", scara, "-o", tmp_path / "scara.cir").exit_code == 0
 
 
+@pytest.mark.usefixtures("without_pictures")
 def test_a_joint_without_a_limit_leaves_the_paths_untimed(call, scara, tmp_path) -> None:
     robot = tmp_path / "scara.urdf"
     robot.write_text((Path(rg.read_scene(scara).robot.file)).read_text().replace('velocity="6.5"', 'velocity="0"'))

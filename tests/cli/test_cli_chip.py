@@ -46,12 +46,14 @@ def simulated(folder: Path, name: str, tmp_path: Path) -> dict[str, np.ndarray]:
     return {key: np.array(values) for key, values in waves(tmp_path / "out.raw").items()}
 
 
+@pytest.mark.slow
 def test_the_operating_point_agrees_with_ngspice(folder: Path) -> None:
     for name in ("op", "noise", "temperature"):
         assert verdict(folder / f"{name}.cir.verify") == (0, "PASS")  # 1e-9 of the supply
     assert re.search(r"ngspice \S+ agrees with op.cir", (folder / "report.md").read_text())
 
 
+@pytest.mark.slow
 def test_the_transient_agrees_with_ngspice(folder: Path, tmp_path: Path) -> None:
     if folder.name == "saturating":  # its deck is the small-signal circuit, which is linear, too
         return
@@ -70,6 +72,7 @@ def test_the_transient_agrees_with_ngspice(folder: Path, tmp_path: Path) -> None
     assert -1.0 / slope == pytest.approx(tau, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_the_noise_agrees_with_ngspice(folder: Path, tmp_path: Path) -> None:
     wanted = expected(folder, "noise")
     found = simulated(folder, "noise", tmp_path)
@@ -84,6 +87,7 @@ def test_the_noise_agrees_with_ngspice(folder: Path, tmp_path: Path) -> None:
     assert wanted["limit"] == pytest.approx(np.sqrt(1.380649e-23 * 300.15 / 60e-15), rel=1e-9)
 
 
+@pytest.mark.slow
 def test_voltages_at_all_temperatures_agree_with_ngspice(folder: Path, tmp_path: Path) -> None:
     for file in folder.glob("temperature.cir*"):
         shutil.copy(file, tmp_path / file.name)
@@ -98,6 +102,7 @@ def test_voltages_at_all_temperatures_agree_with_ngspice(folder: Path, tmp_path:
         assert wanted["-40.0"] != wanted["125.0"]
 
 
+@pytest.mark.slow
 def test_the_report_lists_every_figure_with_its_definition(folder: Path) -> None:
     text = (folder / "report.md").read_text()
     data = json.loads((folder / "summary.json").read_text(), parse_constant=pytest.fail)
@@ -117,6 +122,7 @@ def test_the_report_lists_every_figure_with_its_definition(folder: Path) -> None
     assert "`resistance` | 100 kΩ" in text
 
 
+@pytest.mark.slow
 def test_the_page_supports_small_screens_and_dark_mode(folder: Path) -> None:
     page = (folder / "report.html").read_text()
     assert '<meta name="viewport" content="width=device-width' in page
@@ -124,6 +130,7 @@ def test_the_page_supports_small_screens_and_dark_mode(folder: Path) -> None:
     assert "max-width: 100%" in page
 
 
+@pytest.mark.slow
 def test_at_least_sets_exit_code_1_below_the_demanded_yield(answer, scenes: Path, tmp_path: Path) -> None:
     words = ("chip", scenes / "chip.toml", "-o", tmp_path / "out", "--only", "yield", *QUICK)
     data = answer(*words, "--at-least", 0.5)
@@ -174,6 +181,7 @@ def test_invalid_chip_options_exit_with_2_and_a_message(
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_a_killed_report_resumes_from_its_checkpoint(scenes: Path, tmp_path: Path) -> None:
     words = ["--only", "yield", "--half-width", "0.0005", "--most", "100000", "--no-check", "-q"]
     command = [*COMMAND, "chip", str(scenes / "chip.toml"), "-o", str(tmp_path / "out"), *words]

@@ -112,6 +112,7 @@ def test_picture_writes_a_png_file(call, hidden, tmp_path) -> None:
     assert call("control", hidden, "--picture", tmp_path / "run.txt").exit_code == 2
 
 
+@pytest.mark.slow
 def test_animate_writes_a_gif_file(call, hidden, tmp_path, monkeypatch) -> None:
     monkeypatch.setattr("resgrid.cli.control.FRAMES", 3)
     file = tmp_path / "run.gif"
@@ -122,6 +123,7 @@ def test_animate_writes_a_gif_file(call, hidden, tmp_path, monkeypatch) -> None:
         assert picture.n_frames > 2
 
 
+@pytest.mark.slow
 def test_wavefront_writes_a_gif_of_announced_obstacles(call, hidden, tmp_path, monkeypatch) -> None:
     monkeypatch.setattr("resgrid.cli.control.FRAMES", 3)
     file = tmp_path / "front.gif"
@@ -130,6 +132,7 @@ def test_wavefront_writes_a_gif_of_announced_obstacles(call, hidden, tmp_path, m
         assert picture.n_frames == 3
 
 
+@pytest.mark.slow
 def test_runs_with_settling_grids_arrive_or_stall_by_their_pace(answer, hidden) -> None:
     (run,) = answer("control", hidden, "--settle", "sor", "--pace", 30)["runs"]
     assert run["outcome"] == "arrived"

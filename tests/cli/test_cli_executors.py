@@ -37,6 +37,7 @@ def alone(scenes: Path, tmp_path_factory: pytest.TempPathFactory) -> bytes:
     return written_alone(scenes, tmp_path_factory.mktemp("alone") / "out", CHIPS)
 
 
+@pytest.mark.slow
 def test_mpi_writes_the_file_of_one_process(scenes: Path, tmp_path: Path, alone: bytes) -> None:
     """The test uses mpiexec and the library of the mpich wheel."""
     wheel = {file.name: str(file.locate()) for file in files("mpich") or []}
@@ -50,6 +51,7 @@ def test_mpi_writes_the_file_of_one_process(scenes: Path, tmp_path: Path, alone:
     assert (tmp_path / "out" / "yield.jsonl").read_bytes() == alone
 
 
+@pytest.mark.slow
 def test_dask_writes_the_file_of_one_process(scenes: Path, tmp_path: Path, alone: bytes) -> None:
     with two_workers("dask", tmp_path) as executor:
         address = executor._client.scheduler.address.replace("tcp", "dask")  # type: ignore[attr-defined]
@@ -75,6 +77,7 @@ def killed_at_the_end(process: subprocess.Popen[str]) -> Iterator[None]:
             os.killpg(process.pid, signal.SIGKILL)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "sent", "code"),
     [("processes:2", signal.SIGINT, 130), ("processes:2", signal.SIGKILL, -9), ("parsl", signal.SIGINT, 130)],

@@ -45,10 +45,10 @@ def test_length_and_clearance_of_a_shortened_path_equal_those_of_its_points(answ
 def clearance_from(points, space):
     """Return the distance of a polyline from obstacle cells and the grid's border, by shapely."""
     line = shapely.LineString(points)
-    boxes = [shapely.box(*(cell * space.spacing + space.lower), *((cell + 1) * space.spacing + space.lower))
-             for cell in np.argwhere(space.cell == rg.Cell.OBSTACLE)]  # fmt: skip
+    cells = np.argwhere(space.cell == rg.Cell.OBSTACLE)
+    boxes = shapely.box(*(cells * space.spacing + space.lower).T, *((cells + 1) * space.spacing + space.lower).T)
     border = shapely.box(*space.lower, *space.upper).exterior
-    return min(line.distance(shapely.union_all(boxes)), line.distance(border))
+    return min(shapely.distance(line, boxes).min(), line.distance(border))
 
 
 def test_length_and_clearance_of_a_timed_path_equal_those_of_its_points(answer, scenes, tmp_path):

@@ -38,6 +38,7 @@ def test_run_writes_all_results_into_one_folder(answer, lesson, tmp_path):
     assert answer("check", folder / "dirichlet.cir")["agrees"]
 
 
+@pytest.mark.slow
 def test_blends_have_two_decks_and_one_page_each(call, lesson, tmp_path):
     folder = tmp_path / "out"
     result = call("run", lesson, "--k", "0,0.5,1", "--no-check", "-o", folder)
@@ -48,6 +49,7 @@ def test_blends_have_two_decks_and_one_page_each(call, lesson, tmp_path):
     assert result.stdout.count("reached goal 0") == 3
 
 
+@pytest.mark.slow
 def test_a_second_run_replaces_its_files_and_keeps_other_files(call, lesson, tmp_path):
     folder = tmp_path / "out"
     assert call("run", lesson, "--k", "0,1", "--no-check", "-o", folder).exit_code == 0
@@ -58,6 +60,7 @@ def test_a_second_run_replaces_its_files_and_keeps_other_files(call, lesson, tmp
     assert {"page.png", "dirichlet.cir"} <= names(folder)
 
 
+@pytest.mark.usefixtures("without_pictures")
 def test_a_manipulated_summary_does_not_remove_files_outside_the_folder(call, lesson, tmp_path):
     folder = tmp_path / "out"
     folder.mkdir()
@@ -86,6 +89,7 @@ def test_a_scene_without_starts_exits_with_0(call, lesson, tmp_path):
     assert "paths.csv" not in names(tmp_path / "out")
 
 
+@pytest.mark.usefixtures("without_pictures")
 def test_runs_on_ros_maps_write_ros_messages(answer, call, ros_map, tmp_path):
     folder = tmp_path / "out"
     words = ("run", ros_map, "--goal", "0.7,0.5", "--no-check", "-o", folder)
@@ -113,6 +117,7 @@ def ros_map(tmp_path):
     return tmp_path / "map.yaml"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scene", ["ring", "voxels"])
 def test_periodic_and_voxel_scenes_run_and_agree_with_ngspice(call, scenes, tmp_path, scene):
     words = [f"--set=grid.axes.{axis}.cells=12" for axis in range(2 + (scene == "voxels"))]
@@ -121,6 +126,7 @@ def test_periodic_and_voxel_scenes_run_and_agree_with_ngspice(call, scenes, tmp_
     assert "page.png" in names(tmp_path / "out") and "agrees" in result.stdout
 
 
+@pytest.mark.slow
 def test_maps_of_one_and_four_axes_run(call, tmp_path):
     for ndim in (1, 4):
         cell = np.zeros((4,) * ndim, dtype=np.uint8)
@@ -132,6 +138,7 @@ def test_maps_of_one_and_four_axes_run(call, tmp_path):
         assert "page.png" in names(folder)
 
 
+@pytest.mark.usefixtures("without_pictures")
 def test_slow_decks_are_simulated_only_with_the_check_option(call, lesson, tmp_path, monkeypatch):
     monkeypatch.setattr("resgrid.cli.check.MAX_AUTOMATIC_SECONDS", 1e-9)
     deck = tmp_path / "out" / "dirichlet.cir"
@@ -142,6 +149,7 @@ def test_slow_decks_are_simulated_only_with_the_check_option(call, lesson, tmp_p
     assert result.exit_code == 0 and "agrees" in result.stdout
 
 
+@pytest.mark.usefixtures("without_pictures")
 def test_decks_of_other_simulators_are_not_verified(answer, lesson, tmp_path):
     for words, code in (((), 0), (("--check",), 5)):
         data = answer("run", lesson, "--dialect", "xyce", *words, "-o", tmp_path / "out", code=code)
@@ -182,6 +190,7 @@ def test_single_pictures_have_the_title_of_the_scene(call, lesson, tmp_path, kin
     assert "<!-- Eight by eight -->" in file.read_text()
 
 
+@pytest.mark.slow
 def test_pictures_are_written_in_several_formats_and_invalid_ones_rejected(call, answer, lesson, scenes, tmp_path):
     assert call("plot", lesson, "--what", "space", "-o", "-").stdout_bytes.startswith(b"\x89PNG")
     assert answer("plot", lesson, "-o", tmp_path / "a.svg")["what"] == "page"

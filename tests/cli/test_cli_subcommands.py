@@ -211,6 +211,7 @@ def test_check_compares_deck_scene_and_simulator(answer, call, lesson, tmp_path)
     assert answer("check", deck)["reference"] == "solve"
 
 
+@pytest.mark.usefixtures("without_pictures")
 def test_a_missing_simulator_exits_with_3(call, lesson, monkeypatch, tmp_path):
     monkeypatch.setenv("RESGRID_NGSPICE", "no-such-ngspice")
     result = call("check", lesson)
@@ -334,6 +335,7 @@ def test_unknown_subcommands_and_values_are_answered_with_valid_ones(call, room,
         assert result.exit_code == 2 and choices in result.stderr
 
 
+@pytest.mark.slow
 def test_animate_draws_only_the_first_of_several_runs(call, room, tmp_path):
     from PIL import Image
 

@@ -69,6 +69,7 @@ def test_every_warmup_case_runs(case):
     kernel_warmup.CASES[case]()
 
 
+@pytest.mark.slow
 def test_a_process_loads_the_kernels_that_another_has_compiled(tmp_path):
     assert compiled(tmp_path) > 0
     assert compiled(tmp_path) == 0

@@ -30,6 +30,7 @@ SOLIDS = [
 ]
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(st.sampled_from(ROBOTS), st.integers(0, 2**32 - 1))
 @example(ROBOTS[1], 5608)  # the bisection ends inside the ball by a rounding error

@@ -36,7 +36,14 @@ def shapes(rng: np.random.Generator) -> list[Shape]:
     return found
 
 
-@pytest.mark.parametrize("seed", range(int(os.environ.get("RESGRID_WORLDS", "16"))))
+WORLDS = int(os.environ.get("RESGRID_WORLDS", "16"))
+QUICK = 4
+"""Number of worlds without the mark `slow`."""
+
+
+@pytest.mark.parametrize(
+    "seed", [pytest.param(seed, marks=[pytest.mark.slow] * (seed >= QUICK)) for seed in range(WORLDS)]
+)
 def test_starts_with_a_path_arrive_and_starts_without_one_end_with_no_path(seed: int) -> None:
     """A path in the conservative map guarantees arrival; no path among partly free cells guarantees NO_PATH."""
     rng = np.random.default_rng(seed)

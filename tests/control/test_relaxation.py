@@ -231,6 +231,7 @@ def test_a_patient_robot_arrives_without_entering_obstacles(seed, method, pace) 
     assert np.all(truth.cell[tuple(truth.locate(run.configuration).T)] != rg.Cell.OBSTACLE)
 
 
+@pytest.mark.slow
 @settings(max_examples=8)
 @given(st.integers(0, 2**32 - 1))
 def test_settle_time_is_within_5_percent_of_the_eigenvector_solution(seed) -> None:

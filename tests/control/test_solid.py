@@ -86,6 +86,7 @@ def nearest_on_the_way(plant: Plant, way: np.ndarray) -> float:
     return low
 
 
+@pytest.mark.slow
 @settings(max_examples=40)
 @given(
     st.sampled_from(ROBOTS), st.sampled_from([16, 24, 40]), st.sampled_from([0.05, 0.2, 0.5]), st.booleans(),

@@ -42,7 +42,7 @@ def board(boards: dict[str, Path], tmp_path: Path) -> Path:
     return Path(shutil.copytree(boards["fixed"], tmp_path / "board"))
 
 
-@pytest.mark.parametrize("kind", ["fixed", "jumpers"])
+@pytest.mark.parametrize("kind", ["fixed", pytest.param("jumpers", marks=pytest.mark.slow)])
 def test_a_written_board_agrees_with_its_record(boards: dict[str, Path], kind: str) -> None:
     check = rg.hardware.check_board(boards[kind])
     record = rg.hardware.read_record(boards[kind] / "grid.kicad_pcb")
@@ -52,6 +52,7 @@ def test_a_written_board_agrees_with_its_record(boards: dict[str, Path], kind: s
     assert set(check.tools) == {"kicad-cli", "ngspice"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mutate", MUTATIONS, ids=lambda mutate: mutate.__name__)
 def test_a_fault_is_found_and_located(board: Path, mutate: Callable[[Project], list[Place]]) -> None:
     project = Project.read(board, seed=1)
@@ -62,6 +63,7 @@ def test_a_fault_is_found_and_located(board: Path, mutate: Callable[[Project], l
     assert located(check.findings, places), (places, check.findings)
 
 
+@pytest.mark.slow
 def test_old_files_for_the_manufacturer_are_found(board: Path, tmp_path: Path) -> None:
     pcb = board / "grid.kicad_pcb"
     kicad, gerbers = find_kicad(), tmp_path / "gerbers"
@@ -127,6 +129,7 @@ def test_without_kicad_the_board_is_not_verified(boards: dict[str, Path], monkey
     assert "not verified: RESGRID_KICAD_CLI = /nowhere/kicad-cli is not a program" in result.stdout
 
 
+@pytest.mark.slow
 def test_the_command_prints_findings_and_exits_with_one(board: Path) -> None:
     result = call("check", board / "grid.kicad_pro", "-q")
     assert result.exit_code == 0 and "confirm the record with" in result.stdout
@@ -164,6 +167,7 @@ def test_folders_and_files_without_one_board_are_rejected(board: Path, tmp_path:
         rg.hardware.check_board(board / "grid.kicad_pcb")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("goals", [((0, 1), (6, 1)), ((2, 2), (6, 2)), ((0, 7), (7, 7))])
 def test_two_goal_regions_in_a_row_keep_the_clearance(tmp_path: Path, goals: tuple[tuple[int, int], ...]) -> None:
     scene = rg.read_scene("lesson.toml", goal=[rg.GoalCell(goal) for goal in goals])
@@ -171,6 +175,7 @@ def test_two_goal_regions_in_a_row_keep_the_clearance(tmp_path: Path, goals: tup
     assert check.agrees, check.findings
 
 
+@pytest.mark.slow
 def test_marks_of_variables_in_a_title_are_not_expanded(tmp_path: Path) -> None:
     scene = dataclasses.replace(rg.read_scene("lesson.toml"), title="a ${REFERENCE}\n%R @{1+1}")
     board = rg.hardware.build_board(scene)

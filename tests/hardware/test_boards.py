@@ -253,6 +253,7 @@ def test_the_folder_lists_parts_voltages_and_yield(tmp_path: Path) -> None:
     assert {file.stem for file in library.iterdir()} >= {"R_0603_1608Metric_HandSolder", "PinHeader_1x04_P2.54mm"}
 
 
+@pytest.mark.slow
 def test_another_board_replaces_the_files_of_the_first_and_keeps_foreign_ones(tmp_path: Path) -> None:
     folder = tmp_path / "class"
     assert call("board", "lesson", "--no-kicad", "-o", folder, "-q").exit_code == 0
@@ -297,6 +298,7 @@ def test_a_board_has_pictures() -> None:
         rg.draw(board, side="left")
 
 
+@pytest.mark.slow
 def test_kicad_writes_the_files_for_a_manufacturer(tmp_path: Path) -> None:
     """Needs kicad-cli, which `scripts/unpack_kicad.sh .venv-kicad` provides."""
     scene = 'schema = 1\ntitle = "Small"\nstarts = [[0.5, 0.5]]\n[grid]\naxes = [{ name = "x", lower = 0, upper = 5, '

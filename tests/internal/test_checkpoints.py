@@ -26,6 +26,7 @@ def write_journal(path: Path, records: list[dict[str, object]]) -> None:
         journal.append(record)
 
 
+@pytest.mark.slow
 @given(RECORDS, st.data())
 def test_a_file_truncated_at_any_byte_is_completed_to_the_same_bytes(
     records: list[dict[str, object]], data: st.DataObject

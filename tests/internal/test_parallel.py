@@ -56,6 +56,7 @@ def test_shared_data_is_sent_only_a_few_times_to_workers_without_the_file() -> N
     assert sum(size > 100_000 for size in executor.sizes) <= 4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", REAL)
 def test_tasks_of_a_killed_worker_are_repeated(kind: str, tmp_path: Path) -> None:
     shared = {"offset": 5, "mark": str(tmp_path / "died")}
@@ -64,6 +65,7 @@ def test_tasks_of_a_killed_worker_are_repeated(kind: str, tmp_path: Path) -> Non
     assert (tmp_path / "died").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", REAL)
 def test_items_that_kill_every_worker_raise_worker_error_with_their_range(
     kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -21,6 +21,9 @@ from resgrid._internal.colours import GOAL
 from resgrid.live_page import LivePage
 from resgrid.plot.style import height_map
 
+# Two seconds of a browser's processor time per test; test_notebook.py opens the page in every run.
+pytestmark = pytest.mark.slow
+
 PIXELS = "live.view.canvas.toDataURL()"
 WALL = "live.model.scene.cells.reduce((sum, byte) => sum + (byte & 1), 0)"
 

@@ -48,6 +48,7 @@ def measured(page: Page, developer: CDPSession, process: psutil.Process, first: 
     return heap["usedSize"], heap["backingStorageSize"], process.memory_info().rss
 
 
+@pytest.mark.slow
 def test_random_actions_cause_no_errors_and_no_memory_growth(server: tuple[psutil.Process, str], chromium: Browser):
     process, url = server
     context = chromium.new_context(viewport={"width": 1280, "height": 720}, has_touch=True)

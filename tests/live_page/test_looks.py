@@ -161,6 +161,7 @@ RESET = """() => {
 }"""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize("theme", ["light", "dark"] if PICTURES else ["light"])
 def test_controls_and_texts_neither_overlap_nor_exceed_the_screen(

@@ -111,6 +111,7 @@ def test_failed_paths_have_the_reasons_of_rg_plan(scenes, name):
     assert [reason + radius for reason in reasons] == full != []
 
 
+@pytest.mark.slow
 def test_a_changed_drawing_cancels_a_running_settle_request(served):
     first, other = blank(96), replace(blank(96), k=0.0)
     with dial(served) as socket:
@@ -304,6 +305,7 @@ def test_browsers_beyond_the_limit_get_status_403(served):
         assert "hello" in read(later.recv(timeout=PATIENCE))[0]
 
 
+@pytest.mark.slow
 def test_slow_and_busy_browsers_do_not_delay_other_browsers(served):
     """Small requests are answered before the request of another browser for a large grid."""
     large, small = about("solve", blank(768), exact=True), about("solve", blank(24), exact=True)
@@ -321,6 +323,7 @@ def test_slow_and_busy_browsers_do_not_delay_other_browsers(served):
         assert read(busy.recv(timeout=PATIENCE))[0]["exact"]
 
 
+@pytest.mark.slow
 def test_concurrent_answers_equal_those_of_solve_drawing(served):
     drawings = [replace(blank(cells), k=k) for cells in (96, 64) for k in (0.0, 1.0)]
 
@@ -398,6 +401,7 @@ def test_elements_of_a_small_circuit_obey_ohm_and_kirchhoff():
     assert describe(solve_drawing(blank(11), exact=True))[0]["circuit"] is None
 
 
+@pytest.mark.slow
 def test_save_returns_svg_of_the_field_and_of_small_circuits(served):
     with dial(served) as socket:
         socket.recv(timeout=PATIENCE)

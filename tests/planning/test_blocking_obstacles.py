@@ -52,6 +52,7 @@ def opens_a_path(space: rg.ConfigurationSpace, groups: list[set[Index]], start: 
     return any(space.goal_region[cell] == goal for cell in flood(passable, space.periodic, start, corners=False))
 
 
+@pytest.mark.slow
 @settings(max_examples=100)
 @given(spaces(max_cells=7, conductive=False), st.integers(0, 2**32 - 1))
 def test_the_least_set_equals_that_of_an_exhaustive_search(space: rg.ConfigurationSpace, seed: int) -> None:
@@ -177,6 +178,7 @@ def solved(space: rg.ConfigurationSpace, **options: object) -> rg.Field:
         raise
 
 
+@pytest.mark.slow
 @settings(max_examples=80)
 @given(
     spaces(),

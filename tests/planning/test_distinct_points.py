@@ -33,6 +33,7 @@ def check_distinct(path: rg.Streamline) -> None:
         assert np.all(np.diff(rg.time_parameterize(each, velocity_limits=1.0).times) > 0)
 
 
+@pytest.mark.slow
 @settings(max_examples=80, deadline=None)
 @given(spaces(), st.sampled_from(["dirichlet", "neumann"]), st.data())
 def test_paths_from_faces_edges_and_corners_have_distinct_points(

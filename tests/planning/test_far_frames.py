@@ -38,6 +38,7 @@ frames = st.builds(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(frames, st.integers(0, 2**32 - 1), st.sampled_from(["dirichlet", "neumann"]))
 def test_starts_on_cell_borders_have_paths_that_certify_again(frame, seed, boundary) -> None:

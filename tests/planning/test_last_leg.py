@@ -43,6 +43,7 @@ def without_goal_points(space: rg.ConfigurationSpace) -> rg.ConfigurationSpace:
     return rg.ConfigurationSpace(space.axes, space.cell, space.conductivity)
 
 
+@pytest.mark.slow
 @settings(max_examples=40)
 @given(spaces(max_cells=7), st.integers(0, 2**32 - 1))
 def test_a_path_continues_straight_from_the_face_to_the_goal_point(space: rg.ConfigurationSpace, seed: int) -> None:

@@ -42,6 +42,7 @@ def certify_legs(path):
     assert np.allclose(ends, starts) if ends else True
 
 
+@pytest.mark.slow
 def test_the_nearest_reachable_place_equals_brute_force():
     """The reference labels the start's region by scipy and takes the smallest distance of its boxes from the goal."""
     rng, seen = np.random.default_rng(0), set()
@@ -82,6 +83,7 @@ def test_without_approximate_a_blocked_goal_is_an_error_and_a_cut_off_one_has_no
         rg.plan_legs(scene.replace(goal=(2.1, 1.0)), (1.0, 1.0))
 
 
+@pytest.mark.slow
 def test_a_disc_leaves_the_inflated_zone_by_the_shortest_line():
     """The reference searches all free cells with a path whose line to the start crosses no obstacle (shapely)."""
     rng, count = np.random.default_rng(3), 0

@@ -88,6 +88,7 @@ def test_direction_safe_cells_obey_kirchhoffs_current_law() -> None:
     assert np.all(np.abs(net)[field.safe] <= 1.01e-6 * through[field.safe])
 
 
+@pytest.mark.slow
 def test_streamlines_end_in_cells_that_are_not_direction_safe() -> None:
     cell = np.zeros((200, 3), dtype=np.uint8)  # a corridor in which the drop falls below any norm
     cell[0, 1] = rg.Cell.GOAL
@@ -118,6 +119,7 @@ def test_a_driving_start_agrees_with_the_built_in_solver() -> None:
     rg.certify(path)
 
 
+@pytest.mark.slow
 def test_solve_and_path_accept_method_petsc(tmp_path: Path) -> None:
     scene = tmp_path / "room.toml"
     scene.write_text(ROOM)
@@ -130,6 +132,7 @@ def test_solve_and_path_accept_method_petsc(tmp_path: Path) -> None:
     assert call("solve", scene, "--ranks", 2).exit_code == 2
 
 
+@pytest.mark.slow
 def test_a_launcher_replaces_mpiexec_and_sets_the_number_of_ranks(tmp_path: Path) -> None:
     scene = tmp_path / "room.toml"
     scene.write_text(ROOM)
@@ -281,6 +284,7 @@ def test_a_killed_rank_is_reported_and_ends_the_other_ranks(tmp_path: Path, monk
     assert not list(tmp_path.glob("resgrid-*"))
 
 
+@pytest.mark.slow
 def test_an_interrupt_ends_the_ranks_and_removes_the_files(tmp_path: Path) -> None:
     worker = tmp_path / "sleeping_worker.py"
     worker.write_text("import pathlib, sys, time\npathlib.Path(sys.argv[1] + '/../began').touch()\ntime.sleep(600)\n")

@@ -80,6 +80,7 @@ def test_mean_clearance_grows_with_k() -> None:
     assert curve.clearance.shape == (7, 200) and curve.mean_length.min() > 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["problem_a", "problem_b"])
 def test_mean_clearance_of_the_1992_arms_grows_with_k(name: str, scenes: Path) -> None:
     """Section 3.3 of the paper on its own problems: mean clearance must not fall by more than half a cell."""

@@ -30,6 +30,7 @@ def transitions(netlist: rg.Netlist) -> tuple[np.ndarray, np.ndarray]:
     return W, netlist.cells.free_node
 
 
+@pytest.mark.slow
 @settings(max_examples=80)
 @given(spaces(max_cells=7), st.sampled_from(BOUNDARIES))
 def test_random_walk_results_equal_those_of_an_absorbing_markov_chain(
@@ -179,6 +180,7 @@ def test_basins_and_likeliest_goals_follow_the_symmetry() -> None:
     np.testing.assert_allclose(absorbed.probability[0], absorbed.probability[1][::-1], rtol=1e-12)
 
 
+@pytest.mark.slow
 @settings(max_examples=100)
 @given(spaces(max_cells=8), st.sampled_from(BOUNDARIES))
 def test_basins_equal_the_goals_of_streamlines(space: rg.ConfigurationSpace, options: dict[str, object]) -> None:

@@ -123,6 +123,7 @@ def test_segments_that_touch_a_corner_of_an_obstacle_are_rejected() -> None:
     )  # within one closed cell, though it ends on the obstacle's side
 
 
+@pytest.mark.slow
 @given(st.integers(0, 2**32 - 1), st.integers(2, 4))
 @settings(max_examples=40)
 def test_certified_polylines_never_join_cells_without_a_common_face(seed: int, ndim: int) -> None:

@@ -30,6 +30,7 @@ def room() -> rg.ConfigurationSpace:
     return space_of(cell, spacing=(0.5, 0.25))
 
 
+@pytest.mark.slow
 @settings(max_examples=80)
 @given(spaces(), st.sampled_from(BOUNDARIES), st.integers(0, 2**32 - 1))
 def test_every_streamline_certifies_and_has_the_outcome_of_its_cell(
@@ -53,6 +54,7 @@ def test_every_streamline_certifies_and_has_the_outcome_of_its_cell(
             assert path.outcome in {rg.Outcome.REACHED, rg.Outcome.NO_CURRENT}
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(spaces(), st.sampled_from([0.0, 0.01, 0.5, 0.99, 1.0]))
 def test_blends_reach_a_goal_from_every_connected_cell(space: rg.ConfigurationSpace, k: float) -> None:

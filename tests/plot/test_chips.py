@@ -188,7 +188,7 @@ def test_the_sweep_picture_marks_the_cheapest_points() -> None:
     assert rg.draw(single).get_xticklabels()[0].get_text() == "1 mV"
 
 
-@pytest.mark.parametrize("chip", [CHIP, rg.Chip(saturation_voltage=0.5)])
+@pytest.mark.parametrize("chip", [CHIP, pytest.param(rg.Chip(saturation_voltage=0.5), marks=pytest.mark.slow)])
 def test_the_fault_picture_shows_elements_whose_faults_lose_starts(chip: rg.Chip) -> None:
     netlist = rg.chip.build_chip(rg.study(plain_space(), chip).ideal, chip)
     result = rg.study(netlist).faults(readout=rg.chip.Readout(bits=7), seconds=5.0)

@@ -154,6 +154,7 @@ open(sys.argv[-1], "wb").write(sys.argv[sys.argv.index("-s") + 1].encode() + b" 
 """
 
 
+@pytest.mark.slow
 def test_mp4_frames_are_piped_to_ffmpeg_and_its_errors_are_reported(
     front: rg.control.Wavefront, tmp_path, monkeypatch
 ) -> None:

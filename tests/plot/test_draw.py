@@ -268,11 +268,13 @@ def test_draw_uses_and_returns_the_given_axes(field: rg.Field) -> None:
     assert [text.get_text() for text in axes.get_legend().get_texts()].count("obstacle") == 1
 
 
+@pytest.mark.slow
 def test_png_representations_equal_the_rendered_figure(field: rg.Field, cube: rg.Field) -> None:
     for draw in (lambda: rg.draw(field), lambda: rg.draw(field).figure, lambda: rg.draw(cube)):
         assert draw()._repr_png_() == render_figure(draw(), "png", dpi=100)
 
 
+@pytest.mark.slow
 def test_central_types_have_a_one_line_repr_and_an_html_picture(run: rg.control.Run, field: rg.Field) -> None:
     op = rg.solve(rg.compile_space(small_space()))
     pictured = (run.scene, field.space, field, op, small_op(), run, rg.study(small_op()).power())
@@ -282,8 +284,8 @@ def test_central_types_have_a_one_line_repr_and_an_html_picture(run: rg.control.
         assert "array" not in text
         assert len(text) < 500
     for value in pictured:
-        assert '<img src="data:image/png;base64,' in value._repr_html_()
-        assert type(value).__name__ in value._repr_html_()
+        text = value._repr_html_()
+        assert '<img src="data:image/png;base64,' in text and type(value).__name__ in text
     solid = rg.Scene(tuple(rg.Axis(name, 0, 3, 3) for name in "xyz"), obstacles=(rg.Ball((1.0, 1.0, 1.0), 0.4),))
     assert '<img src="data:image/png;base64,' in solid._repr_html_()
     assert render_figure(rg.draw(solid), "png") == render_figure(

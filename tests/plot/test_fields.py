@@ -242,6 +242,7 @@ def panels(figure) -> list:
     return [axes for axes in figure.axes if axes.images]
 
 
+@pytest.mark.slow
 def test_slices_equal_the_potential_in_their_planes(cube: rg.Field) -> None:
     drawn = panels(rg.draw(cube, scale="linear"))
     assert [axes.get_title() for axes in drawn] == [

@@ -14,6 +14,7 @@ import resgrid as rg
 from resgrid.plot.figures import render_figure
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "first"), [("a.png", b"\x89PNG"), ("a.PDF", b"%PDF"), ("a.svg", b"<?xml")])
 def test_the_suffix_determines_the_format_and_bytes_are_reproducible(
     field, tmp_path: Path, name: str, first: bytes

@@ -103,6 +103,7 @@ def test_lines_break_at_seams_and_keep_their_length(cells: int) -> None:
     assert crossed > 0
 
 
+@pytest.mark.slow
 def test_summary_panels_are_side_by_side_or_stacked(field: rg.Field) -> None:
     figure = rg.plot.draw_summary(field, [rg.streamline(field, cell=(0, 4))], title="Title")
     assert [axes.get_title() for axes in figure.axes[:2]] == ["Potential and paths", "Current"]
@@ -135,6 +136,7 @@ def test_paths_of_other_spaces_raise_input_error(field: rg.Field, cube: rg.Field
             rg.plot.draw_summary(each, [path])
 
 
+@pytest.mark.slow
 @settings(max_examples=12)
 @given(spaces(), st.sampled_from(["dirichlet", "neumann", "wall"]), st.booleans())
 def test_every_field_has_a_summary(space: rg.ConfigurationSpace, boundary: str, periodic: bool) -> None:

@@ -72,6 +72,7 @@ def test_the_walls_in_front_of_a_closed_room_are_transparent() -> None:
     assert view.hidden(inside - (0.0, 0.0, 1.0), [surface]).all()  # below the floor
 
 
+@pytest.mark.slow
 def test_a_path_is_drawn_with_slices_at_its_heights(planner: rg.planning.Planner) -> None:
     path = planner.path((1.25, 2.25, 1.25))
     figure = rg.draw(path)
@@ -122,6 +123,7 @@ def test_other_spaces_are_drawn_in_slices_and_refused_by_name() -> None:
         rg.plot.draw_voxels(room((13, 10, 8)), [rg.plan(room()).path((1.25, 2.25, 1.25))])
 
 
+@pytest.mark.slow
 def test_plot_draws_the_paths_of_a_scene_in_space(scenes: Path, tmp_path: Path) -> None:
     file = tmp_path / "maze.png"
     assert call("plot", scenes / "voxel_maze.toml", "--what", "paths", "-o", file).exit_code == 0

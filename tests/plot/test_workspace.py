@@ -110,6 +110,7 @@ def test_the_workspace_is_drawn_left_of_the_configuration_space(arm, planner) ->
     assert (pixels[..., 3] > 0).sum() == 1
 
 
+@pytest.mark.slow
 def test_titles_panels_and_legends_of_pairs_do_not_overlap(arm, planner, run) -> None:
     path = planner.path((-0.5, 0.6))
     runs = [run, replace(run, field=replace(run.field, k=0.5)), replace(run, field=replace(run.field, k=0.0))]

@@ -62,7 +62,10 @@ def random_configurations(axes, cells, count, rng):
     return np.array([axis.lower for axis in axes]) + (chosen + share) * spacing
 
 
-@pytest.mark.parametrize(("which", "count"), list(enumerate((100_000, 30_000, 30_000, 30_000, 20_000))))
+@pytest.mark.parametrize(
+    ("which", "count"),
+    [pytest.param(0, 100_000, marks=pytest.mark.slow), (1, 30_000), (2, 30_000), (3, 30_000), (4, 20_000)],
+)
 def test_no_configuration_in_a_free_cell_collides(which, count):
     arm = ARMS[which]
     axes = arm.axes(CELLS[arm.ndim])
@@ -86,6 +89,7 @@ def test_the_centre_rule_equals_exact_collision_tests_at_cell_centres(arm):
     assert not (blocked & ~arm.occupancy(axes, OBSTACLES, "conservative")).any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arm", ARMS[:2])
 def test_few_blocked_cells_are_entirely_free(arm):
     """The over-approximation: cells lost although no sampled configuration in them collides."""
@@ -236,6 +240,7 @@ def test_goal_cells_are_exactly_the_cells_with_solutions(which, share):
         ].all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arm", GOAL_ARMS[3:6])
 def test_least_squares_finds_no_solution_outside_goal_cells(arm):
     point, rng = (0.6, 0.7), np.random.default_rng(5)

@@ -127,6 +127,7 @@ print(json.dumps([[result.exit_code, result.stdout, result.stderr] for result in
 """
 
 
+@pytest.mark.slow
 def test_a_registered_robot_is_available_on_the_command_line(tmp_path: Path) -> None:
     (tmp_path / "scene.toml").write_text(SCENE_FILE)
     (tmp_path / "wrong.toml").write_text(SCENE_FILE.replace("radius = 0.12", "radiu = 0.12"))

@@ -261,6 +261,7 @@ def test_point_robots_implement_the_robot_protocol():
     assert isinstance(rg.PointRobot(), rg.Robot)
 
 
+@pytest.mark.slow
 @settings(max_examples=120)
 @given(shape=shapes())
 def test_goal_points_are_the_nearest_to_cell_centres(shape):

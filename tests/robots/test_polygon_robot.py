@@ -62,6 +62,7 @@ def test_the_centre_rule_equals_exact_collision_tests_at_cell_centres(robot):
     assert 0 < lost < 0.2, f"{lost:.2%} of the volume is lost to the conservative rule at this coarse grid"
 
 
+@pytest.mark.slow
 def test_few_blocked_cells_are_entirely_free_at_fine_headings():
     axes = axes_of(KITE, (30, 20, 64))
     blocked = KITE.occupancy(axes, OBSTACLES, "conservative")
@@ -126,6 +127,7 @@ def test_the_shipped_scene_has_no_collision_at_any_number_of_headings(scenes, tu
     assert not overlaps(scene.robot, space.lower + (chosen + share) * space.spacing, scene.obstacles)[1].any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("robot", [BAR, ELL])
 def test_map_cells_are_obstacles_of_turning_robots(robot):
     """Irregular walls, single cells, a ring around a cell, and cells smaller than the robot."""

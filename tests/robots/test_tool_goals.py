@@ -93,7 +93,9 @@ def solves_within(
     return np.linalg.norm(tool_poses(tree, "tool", sample)[:, :3, 3] - place, axis=1) <= radius
 
 
-@pytest.mark.parametrize("tree", [WRIST, RAIL, FOUR], ids=["wrist", "rail", "four"])
+@pytest.mark.parametrize(
+    "tree", [WRIST, RAIL, pytest.param(FOUR, marks=pytest.mark.slow)], ids=["wrist", "rail", "four"]
+)
 def test_every_random_solution_lies_in_a_goal_cell(tree: KinematicTree) -> None:
     axes = axes_of(tree, 10)
     place = tool_poses(tree, "tool", random_configurations(tree, 1, 3))[0, :3, 3]
@@ -133,6 +135,7 @@ def test_a_point_has_the_four_elbow_and_shoulder_solutions() -> None:
     np.testing.assert_allclose(found, expected, atol=2e-6)
 
 
+@pytest.mark.slow
 def test_a_rotation_restricts_the_goal_to_poses_within_its_angle() -> None:
     axes = axes_of(FOUR, 8)
     wanted = tool_poses(FOUR, "tool", np.array([[0.3, 0.4, 0.5, -0.6]]))[0]

@@ -313,7 +313,7 @@ def cells_by_library(tree) -> tuple[set[tuple[int, ...]], set[tuple[int, ...]]]:
     return found
 
 
-@pytest.mark.parametrize("kind", ["OcTree", "ColorOcTree"])
+@pytest.mark.parametrize("kind", ["OcTree", pytest.param("ColorOcTree", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("suffix", ["bt", "ot"])
 def test_an_octomap_has_the_voxels_of_the_library(tmp_path: Path, kind: str, suffix: str) -> None:
     for seed in range(4):

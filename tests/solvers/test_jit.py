@@ -82,6 +82,7 @@ def package(tmp_path: Path) -> Path:
     return copy
 
 
+@pytest.mark.slow
 def test_a_change_of_a_called_function_in_another_file_recompiles_its_kernels(package: Path) -> None:
     assert _run(package.parent, _SUM) == _run(package.parent, _SUM) == 1.0
     called = package / "solvers" / "scaled_kernels.py"
@@ -92,6 +93,7 @@ def test_a_change_of_a_called_function_in_another_file_recompiles_its_kernels(pa
     assert _run(package.parent, _SUM) == 2.0
 
 
+@pytest.mark.slow
 def test_renamed_argument_classes_recompile_their_kernels(package: Path) -> None:
     """The index of cached kernels contains pickled argument types, whose classes a new version may have renamed."""
     assert _run(package.parent, _GRAPH) == 2.0
@@ -101,6 +103,7 @@ def test_renamed_argument_classes_recompile_their_kernels(package: Path) -> None
     assert _run(package.parent, _GRAPH.replace("Graph", "Renamed")) == 2.0
 
 
+@pytest.mark.slow
 def test_unchanged_sources_keep_the_cached_kernels(package: Path) -> None:
     assert _run(package.parent, _SUM) == 1.0
     before = {file: file.stat().st_mtime_ns for file in (package.parent / "cache").rglob("*.nb[ic]")}

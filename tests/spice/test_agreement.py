@@ -89,6 +89,7 @@ def test_an_untouched_deck_agrees(deck: Path) -> None:
     assert (agreement.reference, agreement.simulator, agreement.nodes) == ("sidecar", "ngspice", 39)
 
 
+@pytest.mark.slow
 @settings(max_examples=25)
 @given(st.data())
 def test_any_changed_byte_of_a_deck_fails_the_check(original: Path, data: st.DataObject) -> None:
@@ -354,6 +355,7 @@ def test_an_untested_version_of_the_simulator_is_reported(version: str, known: b
 BOUNDARIES = [{}, {"boundary": "neumann"}, {"boundary": "wall", "wall_resistance": 1e5}]
 
 
+@pytest.mark.slow
 @settings(max_examples=30, suppress_health_check=[HealthCheck.filter_too_much, HealthCheck.too_slow])
 @given(spaces(), st.sampled_from(BOUNDARIES))
 def test_ngspice_agrees_on_random_spaces(space: rg.ConfigurationSpace, options: dict[str, object]) -> None:

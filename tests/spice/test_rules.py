@@ -198,6 +198,7 @@ def test_a_consistent_small_loop_on_a_large_source_is_solved() -> None:
         assert rg.solve(netlist).resistor_current[0] == 1e-9
 
 
+@pytest.mark.slow
 @given(st.lists(st.tuples(st.integers(0, 7), st.integers(0, 7), st.integers(-3, 3)), max_size=14))
 @settings(max_examples=200)
 def test_contradictions_agree_with_matrix_ranks(sources: list[tuple[int, int, int]]) -> None:

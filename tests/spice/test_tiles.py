@@ -93,6 +93,7 @@ def test_ngspice_agrees_with_the_netlist_of_tiles(tmp_path: Path, dialect: str, 
         assert rg.check_deck(written.path).agrees
 
 
+@pytest.mark.slow
 @settings(max_examples=25, suppress_health_check=list(HealthCheck))
 @given(
     spaces(max_cells=6),

@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
+import pytest
 from hypothesis import given, settings, strategies as st
 from support.decks import outcome, random_deck, same
 
@@ -162,6 +163,7 @@ def opened_files() -> Iterator[list[str]]:
         _watched = None
 
 
+@pytest.mark.slow
 def test_mutated_decks_are_read_or_rejected(tmp_path: Path) -> None:
     root = make_root(tmp_path)
     path = root / "deck.cir"

@@ -125,6 +125,7 @@ CARDS = st.sampled_from(
 )
 
 
+@pytest.mark.slow
 @given(st.sampled_from(("title", "R0 a b 1", ".param y=2", "* t")), st.lists(CARDS, max_size=12))
 @settings(max_examples=300)
 def test_the_fast_reader_agrees_with_the_general_reader(tmp_path_factory, first: str, cards: list[str]) -> None:

@@ -8,6 +8,7 @@ import subprocess
 from pathlib import Path
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from support.decks import decks, random_deck, same
 
@@ -47,6 +48,7 @@ def test_voltages_of_random_decks_equal_those_of_ngspice(tmp_path: Path) -> None
         assert error <= 1e-9 * np.max(np.abs(voltage)), (seed, error)
 
 
+@pytest.mark.slow
 @given(decks())
 @settings(max_examples=60)
 def test_the_fast_reader_agrees_with_the_general_reader(tmp_path_factory, deck: str) -> None:
