@@ -21,7 +21,11 @@ SPARE = 0.05
 
 
 def bill_rows(board: Board) -> list[tuple[str, int, str, str, str, str]]:
-    """Return the bill of materials: references, quantity, value, package, tolerance and description of every line."""
+    """Return the rows of the bill of materials, one for each kind of part.
+
+    A row contains the references of the parts, their number, and as text their value, package, tolerance and
+    description.
+    """
     by_value: dict[float, list[str]] = {}
     for part in board.circuit.resistors:
         by_value.setdefault(part.ohms, []).append(part.reference)
@@ -46,7 +50,7 @@ def bill_rows(board: Board) -> list[tuple[str, int, str, str, str, str]]:
 
 
 def reference_ranges(references: Iterable[str]) -> str:
-    """Return references as text with ranges: ``R1-R3 R7``."""
+    """Return references of parts as text, sorted and with ranges of consecutive numbers: ``R1-R3 R7``."""
     runs: list[list[str]] = []
     for name in sorted(references, key=natural_order):
         number = int(name.lstrip("RJHTP"))
@@ -106,7 +110,7 @@ def format_voltages(board: Board) -> str:
 
 
 def _csv(names: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """Return a table as CSV with a line of column names."""
+    """Return a table as CSV text: one line of column names `names`, then one line for each row of `rows`."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(names)

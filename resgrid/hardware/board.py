@@ -32,7 +32,7 @@ from resgrid.scene import Scene
 from resgrid.scene.chip import Chip, Readout
 
 FILE = "grid.kicad_pcb"
-"""Name of the board's file."""
+"""Name of the file of the board in the folder of the KiCad project."""
 
 REVISION = "A"
 """Revision of the board, as printed on it."""
@@ -44,7 +44,7 @@ _RESOLUTIONS = (12, 16)
 """Further resolutions, in bits, for which the yield is predicted."""
 
 _TRIALS, _MANY_CELLS = 128, 400
-"""Number of simulated boards of a prediction, and number of cells from which a third of it has to suffice."""
+"""Number of simulated boards for `Board.predicted_yields`; above `_MANY_CELLS` cells, a third of this number."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -62,9 +62,9 @@ class Board:
     title : str
         Title, printed on the board.
     tolerance : float
-        Tolerance of the resistors, as a fraction.
+        Tolerance of the resistors, as a fraction of their nominal values.
     starts : tuple of tuple of int
-        Cells of the scene's starts, marked on a board of kind "fixed".
+        Cells (column, row) of the scene's starts, which a board of kind "fixed" marks; empty without starts.
     readout : Readout
         Converter that reads the voltages, for the predicted yield.
     kind : {"fixed", "jumpers"}
@@ -169,7 +169,11 @@ class Board:
 
     @cached_property
     def closed(self) -> dict[str, tuple[int, ...]]:
-        """Numbers of the pads of each solder jumper that the jumper plan joins, by reference; no entry if open."""
+        """Pads that solder joins on each solder jumper in this scene, as pad numbers by reference of the jumper.
+
+        Pads 1 and 2 tie the cell to the obstacle rail, pads 2 and 3 to the goal rail. A jumper of a free cell
+        has no entry.
+        """
         pads = {Cell.OBSTACLE: (1, 2), Cell.GOAL: (2, 3)}
         cells = self.circuit.space.cell
         joined = dict[str, tuple[int, ...]]()
@@ -199,7 +203,7 @@ class Board:
         return HardwareRecord("board", self.kind, FILE, self.scene_hash, None, parts, tuple(sources), volts, nodes)
 
     def _part(self, placed: PlacedFootprint, ohms: dict[str, float]) -> Part:
-        """Return the entry of a part in the record; `ohms`: resistances by reference."""
+        """Return the record's entry for a part of the board; `placed`: the part; `ohms`: resistances by reference."""
         kinds: dict[str, PartType] = {"R": "resistor", "J": "connector", "JP": "jumper", "TP": "test_pad", "H": "hole"}
         kind = kinds[placed.reference.rstrip("0123456789")]
         closed = self.closed.get(placed.reference, ())
@@ -207,7 +211,7 @@ class Board:
 
     @property
     def scene_hash(self) -> str:
-        """SHA-256 of cells, conductivity and wiring, in hexadecimal digits."""
+        """SHA-256 of cells, conductivity, wiring, kind and pitch of the board, in hexadecimal digits."""
         space = self.circuit.space
         text = f"{space.shape} {self.circuit.wiring} {self.kind} {self.placement.pitch!r}"
         digest = hashlib.sha256(text.encode() + space.cell.tobytes())
@@ -285,8 +289,8 @@ def build_board(
     Raises
     ------
     InputError
-        If a board cannot realise the space or the wiring: other than two axes, a periodic axis, a uniform drive, or
-        areas or boundaries that a board with jumpers cannot have.
+        If a board cannot realise the space or the wiring: other than two axes, a periodic axis, a uniform drive; for
+        jumpers also unequal conductivities, or a boundary other than "dirichlet".
     CircuitError
         If no current flows.
 

@@ -25,13 +25,13 @@ from resgrid.hardware.record import GROUND
 Kind = Literal["fixed", "jumpers"]
 
 MOST_CELLS = 64
-"""Largest number of cells along an axis of a board."""
+"""Largest number of cells along an axis of a board; larger spaces are rejected."""
 
 RESISTORS = (1.0, 10e6)
-"""Lowest and highest resistance of common resistors of size 0603, in ohms."""
+"""Lowest and highest resistance sold in size 0603, in ohms; boards with other resistances are rejected."""
 
 MOST_HEAT = 0.1
-"""Rated power of a resistor of size 0603, in watts."""
+"""Rated power of a resistor of size 0603, in watts; boards with a resistor of a higher power are rejected."""
 
 OBSTACLE_NET, GOAL_NET = "obstacle", "goal"
 """Names of the nets of the obstacle rail, and of the goal rail of a board with jumpers."""
@@ -39,11 +39,11 @@ OBSTACLE_NET, GOAL_NET = "obstacle", "goal"
 
 @dataclass(frozen=True)
 class GridResistor:
-    """A resistor of the grid.
+    """A resistor between two neighbouring cells, or between a cell and the border of the grid.
 
-    `reference`: its name; `ohms`: its resistance; `lower`, `upper`: nets of the terminals at the lower and the higher
-    coordinate; `axis`: 0 for a horizontal, 1 for a vertical resistor; `cell`: index of the cell at its higher end,
-    which is one more than the last cell at the upper border.
+    `reference`: name on the board, such as R7; `ohms`: resistance; `lower`, `upper`: nets of the terminals at the
+    lower and the higher coordinate along the axis; `axis`: 0 for a horizontal, 1 for a vertical resistor; `cell`:
+    cell (column, row) at the higher coordinate, which lies outside the grid at the upper border.
     """
 
     reference: str
@@ -55,7 +55,7 @@ class GridResistor:
 
     @property
     def ends(self) -> tuple[tuple[int, int], tuple[int, int]]:
-        """Indices of the cells at the lower and the higher end; one of them may lie outside the grid."""
+        """Cells (column, row) at the lower and the higher end; one of them may lie outside the grid."""
         i, j = self.cell
         return ((i - 1, j), (i, j)) if self.axis == 0 else ((i, j - 1), (i, j))
 
@@ -64,7 +64,8 @@ class GridResistor:
 class BoardCircuit:
     """The circuit of a board.
 
-    `kind`: "fixed" or "jumpers"; `ideal`: the compiled circuit; `op`: operating point with values of the E96 series.
+    `kind`: "fixed" for one scene, "jumpers" for every scene of this size; `ideal`: the compiled circuit with exact
+    resistances; `op`: operating point of the circuit with resistances of the E96 series.
     """
 
     kind: Kind
@@ -78,7 +79,10 @@ class BoardCircuit:
 
     @cached_property
     def cells_netlist(self) -> Netlist:
-        """The same circuit with a node of its own for every cell, for studies of robots that read the voltages."""
+        """The circuit of the board with one node for every cell, also for obstacle and goal cells.
+
+        Studies of robots that read the voltages of all cells use this circuit.
+        """
         ideal = self.ideal
         if self.wiring.rails != "cells":
             ideal = compile_space(self.space, self.wiring, rails="cells")
@@ -96,18 +100,21 @@ class BoardCircuit:
 
     @cached_property
     def node_nets(self) -> list[str]:
-        """Net of every node."""
+        """Name of the net of every node, in the order of the nodes of `netlist`."""
         return self.netlist.names_of(np.arange(self.netlist.node_count))
 
     @property
     def high_net(self) -> str:
-        """Net of the plane and of the positive supply: the obstacle rail, or the cell of the driven start."""
+        """Name of the net at the positive supply: the obstacle rail, or with drive "start" the net of the start cell.
+
+        The copper plane of the board belongs to this net.
+        """
         start = self.wiring.start
         return OBSTACLE_NET if start is None else "n_{}_{}".format(*start)
 
     @property
     def goal_nets(self) -> tuple[str, ...]:
-        """Nets of the goal rails: one per goal region, or the common rail of a board with jumpers."""
+        """Names of the nets of the goal rails: one per goal region, or the common rail of a board with jumpers."""
         return (GOAL_NET,) if self.kind == "jumpers" else tuple(f"goal_{goal}" for goal in range(self.space.goal_count))
 
     @cached_property
@@ -145,14 +152,17 @@ class BoardCircuit:
 
     @cached_property
     def cell_nets(self) -> dict[tuple[int, int], str]:
-        """Net of every cell with a pad of its own: free cells and goal cells, and all cells of a board with jumpers."""
+        """Name of the net of every cell with a test pad, by the cell (column, row).
+
+        These are the free cells and goal cells with a node; on a board with jumpers, all cells.
+        """
         node = self.netlist.cells.node
         wanted = (node >= 0) & ((self.space.cell != Cell.OBSTACLE) | (self.kind == "jumpers"))
         return {(int(i), int(j)): self.node_nets[node[i, j]] for i, j in np.argwhere(wanted)}
 
     @cached_property
     def voltages(self) -> dict[str, float]:
-        """Expected voltage of every net, in volts."""
+        """Expected voltage of every net against ground, in volts, by the name of the net."""
         used = {net for part in self.resistors for net in (part.lower, part.upper)}
         volts = {net: float(self.op.voltage[node]) for node, net in enumerate(self.node_nets) if net in used}
         volts |= dict.fromkeys(self.goal_nets, self.wiring.goal_voltage)

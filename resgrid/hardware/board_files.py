@@ -24,6 +24,8 @@ from resgrid.hardware.teacher_readme import format_readme
 from resgrid.hardware.tools import KicadCli
 
 _CORNER_RADIUS = 3.0
+"""Radius of the rounded corners of the board, in millimetres."""
+
 _SHEETS = (("A4", 297.0, 210.0), ("A3", 420.0, 297.0), ("A2", 594.0, 420.0), ("A1", 841.0, 594.0))
 """Sheets on which the board is drawn: name, width and height in millimetres."""
 
@@ -35,7 +37,7 @@ _FIRST_TIME = (1980, 1, 1, 0, 0, 0)
 
 
 def board_files(board: Board, *, manufactured: bool = False) -> dict[str, str]:
-    """Return the text files of a board by name; names in subfolders contain a slash.
+    """Return the content of the text files of a board by file name; names in subfolders contain a slash.
 
     `manufactured`: whether the README describes the files of `manufacture`.
     """
@@ -71,7 +73,10 @@ def write_board(board: Board, folder: Path, *, manufactured: bool = False) -> li
 
 
 def _drawing(board: Board, sheets: list[Sheet]) -> BoardDrawing:
-    """Return everything on the board; `sheets`: the schematic, to which footprints refer."""
+    """Return the drawing of a board: outline, footprints, tracks, vias, copper plane and printed texts.
+
+    `sheets`: sheets of the schematic; each footprint refers to its symbol there.
+    """
     placement = board.placement
     routing = route(placement)
     paths = {
@@ -105,7 +110,10 @@ def silkscreen_of(board: Board) -> Graphics:
 
 
 def _with_path(placed: PlacedFootprint, paths: Mapping[str, str]) -> PlacedFootprint:
-    """Return a footprint that refers to its symbol; `paths`: path of every symbol by reference."""
+    """Return a footprint that refers to its symbol.
+
+    `paths`: path of each symbol in the schematic, by reference of the part.
+    """
     return replace(placed, path=paths.get(placed.reference, ""))
 
 

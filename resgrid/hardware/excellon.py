@@ -55,5 +55,8 @@ def parse_excellon(text: str, name: str = "<text>") -> list[Hole]:
 
 
 def _moved(point: tuple[float, float], x: str | None, y: str | None, unit: float) -> tuple[float, float]:
-    """Return a point with the coordinates that a command contains; `x`, `y`: text or None; `unit`: millimetres."""
+    """Return a point in mm.
+
+    `x`, `y`: new coordinates as text, None to keep the old; `unit`: mm per unit of the file.
+    """
     return (point[0] if x is None else float(x) * unit, point[1] if y is None else float(y) * unit)

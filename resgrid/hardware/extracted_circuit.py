@@ -21,10 +21,10 @@ from resgrid.spice.run.ngspice import SimulatorRun, simulate
 
 @dataclass(frozen=True)
 class SpiceNetlist:
-    """Content of KiCad's SPICE netlist.
+    """Content of KiCad's SPICE netlist of a schematic.
 
-    `text`: the netlist; `nets`: node of every pad of its resistors; `values`: resistance in ohms by reference;
-    `sources`: plus node, minus node and volts of every voltage source.
+    `text`: the netlist; `nets`: name of the node of every pad of its resistors; `values`: resistance in ohms by
+    reference; `sources`: names of the plus and the minus node, and volts, of every voltage source.
     """
 
     text: str
@@ -79,7 +79,7 @@ def simulate_kicad_spice(
 
 
 def _sources(record: HardwareRecord) -> Iterator[tuple[str, str, float]]:
-    """Yield plus net, minus net and volts of every source of a record, and of every connection by a closed jumper."""
+    """Yield plus net, minus net and volts of every source of a record, and of every closed jumper (0 V)."""
     for source in record.sources:
         yield source.positive, source.negative, source.volts
     for part in record.parts:

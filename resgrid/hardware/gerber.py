@@ -44,10 +44,12 @@ class CopperShape:
 class _State:
     """State of the plotter of a Gerber file.
 
-    `scale`: length of a coordinate unit in millimetres; `point`: current point in millimetres; `mode`: 1 for lines, 2
-    and 3 for clockwise and counterclockwise arcs; `current`: selected aperture; `contour`: points of the current
-    contour, None outside regions; `dark`: polarity; `net`: attribute ``.N`` of objects; `apertures`: apertures by
-    number; `macros`: primitives by macro name; `shapes`: finished objects.
+    `place`: name of the file, for messages; `unit`: millimetres per unit of the file (1 or 25.4); `scale`: units of
+    the file per integer coordinate; `point`: current point in millimetres; `mode`: 1 for lines, 2 and 3 for
+    clockwise and counterclockwise arcs; `current`: selected aperture, None before the first selection; `contour`:
+    points of the current contour in millimetres, None outside regions; `dark`: whether objects add copper (they
+    remove it otherwise); `net`: attribute ``.N`` of objects; `apertures`: apertures by number; `macros`: primitives
+    by macro name; `shapes`: finished objects.
     """
 
     place: str
@@ -92,14 +94,14 @@ def parse_gerber(text: str, name: str = "<text>") -> list[CopperShape]:
 
 
 def _unknown(state: _State, command: str) -> InputError:
-    """Return the InputError for a command that this reader does not support."""
+    """Return the InputError for a command that this reader does not support; `state`: state of the plotter."""
     return InputError(
         f"{state.place}: Gerber command {command.strip()[:40]!r} is not supported; use KiCad's Gerber files"
     )
 
 
 def _do_extended(state: _State, text: str) -> None:
-    """Execute an extended command; `text`: the text between percent signs."""
+    """Execute an extended command, and change `state`; `text`: the text between the percent signs."""
     if text.startswith("AM"):
         name, primitives = parse_macro(text, state.place)
         state.macros[name] = primitives
@@ -128,7 +130,7 @@ def _unescaped(text: str) -> str:
 
 
 def _do_word(state: _State, word: str) -> None:
-    """Execute a word command: a mode, an aperture, or an operation."""
+    """Execute a command `word`, which sets a mode, selects an aperture or draws, and change `state`."""
     if word.startswith("G04"):
         return
     for code, mode in _FUNCTIONS.items():
@@ -151,7 +153,10 @@ def _do_word(state: _State, word: str) -> None:
 
 
 def _operate(state: _State, match: re.Match[str]) -> None:
-    """Draw, move or flash; `match`: match of the operation."""
+    """Draw a line or arc, move, or flash the aperture, and change `state`.
+
+    `match`: match of the command with `_OPERATION`.
+    """
     size = state.scale * state.unit
     end = tuple(int(match[axis]) * size if match[axis] else old for axis, old in zip("xy", state.point, strict=True))
     target = (end[0], end[1])
@@ -179,7 +184,7 @@ def _selected(state: _State) -> Aperture:
 
 
 def _drawn(state: _State, points: list[tuple[float, float]]) -> Any:
-    """Return the polygon of a line that a circular aperture draws; `points`: its corners in millimetres."""
+    """Return the polygon of a line that the selected circular aperture draws; `points`: its corners in millimetres."""
     from shapely import LineString, Point
 
     width = _selected(state).diameter
@@ -194,7 +199,10 @@ def _drawn(state: _State, points: list[tuple[float, float]]) -> Any:
 def _arc(
     start: tuple[float, float], end: tuple[float, float], offset: tuple[float, float], clockwise: bool
 ) -> Iterator[tuple[float, float]]:
-    """Yield the points of an arc after its start; `offset`: centre relative to the start, all in millimetres."""
+    """Yield the points of an arc after its start, in millimetres.
+
+    `offset`: centre of the arc relative to `start`; all points in millimetres. Equal ends give a full circle.
+    """
     centre = (start[0] + offset[0], start[1] + offset[1])
     first = math.atan2(-offset[1], -offset[0])
     turn = math.atan2(end[1] - centre[1], end[0] - centre[0]) - first
@@ -209,7 +217,7 @@ def _arc(
 
 
 def _close_contour(state: _State) -> None:
-    """Add the region of the current contour, if it has an area."""
+    """Add the region inside the current contour to the objects of `state`, if it has an area, and empty the contour."""
     from shapely import Polygon, make_valid
 
     if state.contour and len(state.contour) > 3:
@@ -219,7 +227,10 @@ def _close_contour(state: _State) -> None:
 
 
 def _add(state: _State, geometry: Any) -> None:
-    """Add an object of dark polarity; subtract one of clear polarity from the objects before it."""
+    """Add an object to the shapes of `state`; with clear polarity, subtract it from the shapes instead.
+
+    `geometry`: polygon in millimetres.
+    """
     if state.dark:
         state.shapes.append(CopperShape(geometry, state.net))
     else:
@@ -227,7 +238,7 @@ def _add(state: _State, geometry: Any) -> None:
 
 
 def subtract(shapes: list[CopperShape], geometry: Any) -> list[CopperShape]:
-    """Return shapes without the area of a geometry."""
+    """Return shapes without the area of a geometry, which may leave a shape empty or in several polygons."""
     return [
         CopperShape(shape.geometry.difference(geometry), shape.net) if shape.geometry.intersects(geometry) else shape
         for shape in shapes
