@@ -136,7 +136,7 @@ class Board:
 
     @property
     def mismatch(self) -> float:
-        """Standard deviation of a resistance, as a fraction: values uniformly distributed within the tolerance."""
+        """Standard deviation of a resistance that is uniform within the tolerance, as a fraction of the nominal one."""
         return self.tolerance / sqrt(3.0)
 
     def yields(self, *, trials: Count = 400, bits: Annotated[int, Ge(1), Le(32)] | None = None) -> Yield:
@@ -162,7 +162,7 @@ class Board:
 
     @cached_property
     def predicted_yields(self) -> dict[int, Proportion]:
-        """Fraction of the starts that arrive, by the resolution of the converter in bits, from a few trials."""
+        """Fraction of the starts from which a simulated robot reaches a goal, by the converter's resolution in bits."""
         trials = _TRIALS if self.circuit.space.cell.size <= _MANY_CELLS else _TRIALS // 3
         resolutions = sorted({self.readout.bits or BITS, *_RESOLUTIONS})
         return {bits: self.yields(trials=trials, bits=bits).overall for bits in resolutions}

@@ -142,7 +142,12 @@ class _Drawing:
     def _draw_resistor(
         self, sheet: Sheet, part: GridResistor, cell: Index, at: Point, across: tuple[int, int], up: tuple[int, int]
     ) -> None:
-        """Draw a resistor of a cell with its wires, and the rail or the label at its other end."""
+        """Draw a resistor from the cell at one end, with a wire, a rail or the label of a net at its other end.
+
+        `part`: the resistor; `cell`: the cell (column, row) at one end; `at`: place (x, y) of this cell in
+        millimetres; `across`, `up`: ranges of columns and rows of the sheet, within which the other end is
+        joined by a wire.
+        """
         low, high = part.ends
         other, forward = (high, 1) if cell == low else (low, -1)
         step = (forward, 0) if part.axis == 0 else (0, -forward)

@@ -41,11 +41,12 @@ class RuleReport:
 
 @dataclass(frozen=True, eq=False)
 class BoardReports:
-    """Everything that kicad-cli returns about a board.
+    """Reports and files of kicad-cli about a board.
 
-    `rules`: design rules, and electrical rules of the schematic; `points`: test points of the IPC-D-356 file; `copper`:
-    connected copper of the Gerber layers and drill files; `order`: differences of ``gerbers.zip`` from the board;
-    `values`: text of each part's value on the board; `spice`: SPICE netlist of the schematic, None without a schematic.
+    `rules`: violations of design rules, and of electrical rules of the schematic; `points`: test points of the
+    IPC-D-356 file; `copper`: connected copper of the Gerber layers and drill files; `order`: one message for each
+    difference of ``gerbers.zip`` from the board; `values`: text of each part's value on the board, by reference;
+    `spice`: SPICE netlist of the schematic, None without a schematic.
     """
 
     rules: RuleReport
@@ -96,7 +97,10 @@ def report_board(kicad: KicadCli, board: Path, folder: Path, timeout: float) -> 
 
 
 def _copy_project(board: Path, folder: Path) -> Path:
-    """Copy the files of a KiCad project, because kicad-cli writes next to them; return the path of the copied board."""
+    """Copy the files of a KiCad project to `folder`, because kicad-cli writes next to them.
+
+    Return the path of the copied board.
+    """
     for file in sorted(board.parent.iterdir()):
         if file.suffix == ".pretty" and file.is_dir():
             shutil.copytree(file, folder / file.name)
@@ -106,7 +110,11 @@ def _copy_project(board: Path, folder: Path) -> Path:
 
 
 def _rules(folder: Path) -> RuleReport:
-    """Return the design-rule errors, the differences from the schematic, and the electrical-rule errors of a board."""
+    """Return the errors and warnings of kicad-cli's rule checks of a board.
+
+    Errors are violations of design rules, of electrical rules, and differences between schematic and board.
+    `folder`: folder with the JSON reports of kicad-cli.
+    """
     design = json.loads(read_text(folder / _DRC))
     electrical = folder / _ERC
     sheets = json.loads(read_text(electrical))["sheets"] if electrical.exists() else []
@@ -127,7 +135,7 @@ def _rules(folder: Path) -> RuleReport:
 
 
 def _violation(violation: Mapping[str, Any]) -> str:
-    """Return one line about a violation, with its items and their places."""
+    """Return one line of text about a violation in a report of kicad-cli, with its items and their places in mm."""
     items = [
         f"{item['description']} at ({item['pos']['x']:.2f}, {item['pos']['y']:.2f}) mm" for item in violation["items"]
     ]
@@ -167,20 +175,24 @@ def _values(text: str) -> dict[str, str]:
 
 
 def stated_nets(points: Iterable[TestPoint]) -> dict[tuple[str, int], str | None]:
-    """Return the net of every numbered pad in an IPC-D-356 file, None for a pad that is not connected."""
+    """Return the net that an IPC-D-356 file states for every numbered pad, None for a pad that is not connected.
+
+    The key is the reference of the part and the number of the pad. `points`: test points of the file.
+    """
     return {pad: None if point.net == NO_NET else point.net for pad, point in _pads(points)}
 
 
 def copper_nets(points: Iterable[TestPoint], copper: Copper) -> dict[tuple[str, int], int | None]:
-    """Return the number of the connected copper at every numbered pad, None for a pad without copper.
+    """Return the number of the set of connected copper shapes at every numbered pad, None for a pad without copper.
 
-    `points`: test points, which give the places of pads; `copper`: the connected copper.
+    The key is the reference of the part and the number of the pad. `points`: test points, which give the places of
+    pads.
     """
     return {pad: copper.probe(point.position, point.access) for pad, point in _pads(points)}
 
 
 def _pads(points: Iterable[TestPoint]) -> Iterator[tuple[tuple[str, int], TestPoint]]:
-    """Yield the numbered pads among test points."""
+    """Yield reference, pad number and test point of every test point with a number; vias have none."""
     for point in points:
         if point.pin.isdecimal():
             yield (point.reference, int(point.pin)), point

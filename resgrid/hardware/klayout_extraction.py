@@ -36,13 +36,19 @@ def main(file: str, job_file: str) -> None:
 
 
 def texts(kdb: Any, layout: Any, top: Any, job: Any) -> list[list[Any]]:
-    """Return text and place, in database units, of every label on the layer of the outline."""
+    """Return text, x and y, in database units, of every label on the layer of the layout's outline.
+
+    `kdb`: module klayout.db; `layout`: the read layout; `top`: its top cell; `job`: layers, connections and rules.
+    """
     found = kdb.Texts(top.begin_shapes_rec(layout.layer(*job["outline"])))
     return sorted([text.string, text.x, text.y] for text in found.each())
 
 
 def circuit(kdb: Any, layout: Any, top: Any, job: Any) -> dict[str, Any]:
-    """Return resistors and labels with the numbers of their nets."""
+    """Return resistors and labels with the numbers of their nets, and messages about faulty resistors, as a dictionary.
+
+    `kdb`: module klayout.db; `layout`: the read layout; `top`: its top cell; `job`: layers, connections and rules.
+    """
     extraction = kdb.LayoutToNetlist(kdb.RecursiveShapeIterator(layout, top, []))
     at = {name: extraction.make_layer(layout.layer(*layer), name) for name, layer in job["layers"].items()}
     body, ends = body_and_ends(at, job)
@@ -72,7 +78,11 @@ def circuit(kdb: Any, layout: Any, top: Any, job: Any) -> dict[str, Any]:
 
 
 def body_and_ends(regions: Any, job: Any) -> tuple[Any, Any]:
-    """Return the bodies of resistors, where all layers of bodies lie, and their ends."""
+    """Return the regions of the bodies and of the ends of resistors.
+
+    A body lies where all layers of bodies overlap; an end where all layers of ends overlap, outside bodies.
+    `regions`: region of each layer by name; `job`: names of the layers of bodies and ends.
+    """
     body, ends = regions[job["body"][0]], regions[job["ends"][0]]
     for name in job["body"][1:]:
         body = body & regions[name]
@@ -144,7 +154,11 @@ def resistor_extractor(kdb: Any) -> Any:
 
 
 def violations(kdb: Any, layout: Any, top: Any, job: Any) -> list[list[Any]]:
-    """Return rule, number of places, and the first places of every violated design rule, in database units."""
+    """Return name, number of places, and the first `PLACES` places [x, y] of every violated design rule.
+
+    `kdb`: module klayout.db; `layout`: the read layout; `top`: its top cell; `job`: layers, connections and rules.
+    Places are in database units.
+    """
     regions = {
         name: kdb.Region(top.begin_shapes_rec(layout.layer(*layer))).merged() for name, layer in job["layers"].items()
     }
@@ -159,7 +173,10 @@ def violations(kdb: Any, layout: Any, top: Any, job: Any) -> list[list[Any]]:
 
 
 def broken(kdb: Any, regions: Any, rule: Any) -> list[list[int]]:  # noqa: PLR0911 - one result per kind
-    """Return the centres of all places that violate a rule."""
+    """Return the centres [x, y], in database units, of all places that violate a rule.
+
+    `regions`: region of each layer by name; `rule`: kind, layer, second layer and value of the rule.
+    """
     region, value = regions[rule["layer"]], rule["value"]
     other = regions.get(rule.get("other"))
     match rule["kind"]:
@@ -187,12 +204,12 @@ def broken(kdb: Any, regions: Any, rule: Any) -> list[list[int]]:  # noqa: PLR09
 
 
 def centres(pairs: Any) -> list[list[int]]:
-    """Return the centres of the boxes of edge pairs."""
+    """Return the centres [x, y] of the bounding boxes of pairs of edges, in database units."""
     return [centre(pair.bbox()) for pair in pairs.each()]
 
 
 def centre(box: Any) -> list[int]:
-    """Return the centre of a box."""
+    """Return the centre [x, y] of a box, in database units."""
     return [box.center().x, box.center().y]
 
 

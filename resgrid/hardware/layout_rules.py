@@ -53,8 +53,8 @@ class MetalRules:
 class Cover:
     """A layer that covers resistors.
 
-    `name`: name of the layer in the process; `layer`: the layer; `beside`, `beyond`: overlap across and along the
-    current; `width`, `space`: smallest width and spacing, 0 without a rule; lengths are in nanometres.
+    `name`: name of the layer in the process; `layer`: its GDSII numbers; `beside`, `beyond`: overlap across and
+    along the current; `width`, `space`: smallest width and spacing, 0 without a rule; lengths are in nanometres.
     """
 
     name: str
@@ -133,12 +133,12 @@ class LayoutRules:
 
     @property
     def overlap(self) -> int:
-        """Largest overlap of a cover of bodies, across the current."""
+        """Largest overlap, across the current, of the layers that cover only bodies, in nanometres."""
         return max((cover.beside for cover in self.body_covers), default=0)
 
     @property
     def cover_space(self) -> int:
-        """Largest spacing of a cover of bodies."""
+        """Largest of the minimum spacings of the layers that cover only bodies, in nanometres."""
         return max((cover.space for cover in self.body_covers), default=0)
 
     def up(self, length: float) -> int:
@@ -193,7 +193,7 @@ class Placement:
 
 @dataclass(frozen=True)
 class Label:
-    """A text at a place, in nanometres, on a layer."""
+    """A text `text` at the place `x`, `y`, in nanometres, on the layer `layer`."""
 
     text: str
     x: int
@@ -203,7 +203,10 @@ class Label:
 
 @dataclass(frozen=True)
 class DrawnCell:
-    """A cell of a layout: rectangles, placed cells and labels."""
+    """A cell of a GDSII or OASIS file.
+
+    `name`: its name; `boxes`: rectangles; `placements`: placements of other cells; `labels`: texts.
+    """
 
     name: str
     boxes: tuple[Box, ...] = ()

@@ -35,9 +35,11 @@ def _expand(
     layers: set[Layer] | None,
     found: dict[Layer, list[NDArray[np.float64]]],
 ) -> None:
-    """Add the rectangles of a cell at several origins to `found`.
+    """Add the rectangles of a cell at several origins, with those of the cells that it contains, to `found`.
 
-    `cells`: all cells by name; `origins` (n, 2): places of the cell; `window`, `layers`: as in `expanded_shapes`.
+    `cells`: all cells by name; `origins` (n, 2): places of the cell, in nanometres; `window`: only rectangles that
+    touch it, None for all; `layers`: only these layers, None for all; `found`: arrays (rectangles, 4) by layer,
+    extended.
     """
     for layer, *corners in cell.boxes:
         if layers is None or layer in layers:

@@ -109,7 +109,7 @@ class HardwareRecord:
     file : str
         Name of the board or layout, in the folder of the record.
     scene_hash : str
-        Hash of the scene.
+        SHA-256 of the cells, conductances and options from which the file was made.
     process : str or None
         Name of the process of a layout, such as ``"ihp-sg13g2:rppd"``; None for a board.
     parts : tuple of Part
@@ -120,7 +120,7 @@ class HardwareRecord:
         Expected voltage of each net, in volts against net ``"0"``: the solution of `resgrid.solve` for exactly the
         values of `parts`.
     nodes : mapping of str to tuple of int
-        Cell of each net that belongs to a cell.
+        Cell (column, row) of each net that belongs to a cell; rails have no entry.
 
     Examples
     --------
@@ -147,7 +147,7 @@ class HardwareRecord:
 
     @property
     def part(self) -> dict[str, Part]:
-        """Part by reference."""
+        """Every part by its reference."""
         return {part.reference: part for part in self.parts}
 
 
@@ -187,7 +187,7 @@ def format_record(record: HardwareRecord) -> str:
 
 
 def _value_text(value: Any) -> str:
-    """Return a value of a record as JSON, with one line per entry of a list or mapping."""
+    """Return a value of a record as JSON, with a line for each entry of a list or mapping."""
     if isinstance(value, Mapping) and value:
         entries = (f"{json.dumps(key)}: {_line(value[key])}" for key in sorted(value, key=natural_order))
         return "{\n" + ",\n".join(entries) + "\n}"
@@ -239,7 +239,10 @@ def read_record(file: str | os.PathLike[str]) -> HardwareRecord:
 
 
 def _parse(text: str, path: Path) -> HardwareRecord:
-    """Return the record with a text; raise InputError with the first problem.  `path`: its file, for messages."""
+    """Return the record that a JSON text contains; raise InputError with the first problem.
+
+    `path`: file of the text, for messages.
+    """
     from pydantic import TypeAdapter, ValidationError
 
     try:
@@ -263,7 +266,10 @@ def _require_consistency(record: HardwareRecord, words: str) -> None:
 
 
 def _contradictions(record: HardwareRecord) -> Iterator[str]:
-    """Yield a message for every contradiction inside a record."""
+    """Yield a message for every contradiction inside a record.
+
+    Examples are two parts of one reference, a resistor without a positive value, and a source on an unknown net.
+    """
     for reference, count in Counter(part.reference for part in record.parts).items():
         if count > 1:
             yield f"{count} parts have the reference {reference}"

@@ -33,11 +33,11 @@ TIMEOUT = 600.0
 
 _CHECKOUT = Path(__file__).resolve().parents[2]
 _UNPACKED = _CHECKOUT / ".venv-kicad" / "kicad-cli"
-"""Place where ``scripts/unpack_kicad.sh .venv-kicad`` puts kicad-cli."""
+"""Place of kicad-cli after ``scripts/unpack_kicad.sh .venv-kicad`` in a checkout of resgrid."""
 
 _ASK_KLAYOUT = "import klayout.db; print(klayout.db.__version__)"
 _SHOWN = 400
-"""Maximum number of characters of a program's last messages that an error quotes."""
+"""Maximum number of characters at the end of a program's output that an error message quotes."""
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ def find_kicad() -> KicadCli:
 
 
 def kicad_remedy() -> str:
-    """Return a sentence about the ways to obtain kicad-cli."""
+    """Return a sentence about the ways to obtain kicad-cli, for messages."""
     script = f"'scripts/unpack_kicad.sh .venv-kicad' in {_CHECKOUT} unpacks it on Debian 12 without root; otherwise "
     has_script = (_CHECKOUT / "scripts" / "unpack_kicad.sh").exists()
     return (
@@ -128,7 +128,10 @@ def find_klayout() -> KlayoutPython:
 
 
 def _version(command: list[str]) -> str:
-    """Return the version that a command prints, empty if the command fails or prints none."""
+    """Return the version that a program prints; empty if the program fails or prints no version.
+
+    `command`: program and arguments.
+    """
     with temporary_folder() as folder:
         try:
             status, printed, _ = _run(command, 60.0, {"KICAD_CONFIG_HOME": str(folder)})
@@ -139,13 +142,13 @@ def _version(command: list[str]) -> str:
 
 
 def _major(version: str) -> int:
-    """Return the first number of a version, 0 without one."""
+    """Return the first number of a version text such as "9.0.8", 0 without a number."""
     numbers = re.findall(r"\d+", version)
     return int(numbers[0]) if numbers else 0
 
 
 def _last(messages: str) -> str:
-    """Return the end of a program's messages on one line, at most `_SHOWN` characters."""
+    """Return the end of a program's output on one line, at most `_SHOWN` characters."""
     return " ".join(messages.split())[-_SHOWN:] or "it printed no message"
 
 

@@ -221,7 +221,10 @@ class Resistor:
             raise InputError(f"width_correction = {self.width_correction:g} leaves no width; give a smaller magnitude")
 
     def at_corner(self, corner: Corner) -> float:
-        """Return the sheet resistance at a corner, in ohms per square; raise InputError if it is not known."""
+        """Return the sheet resistance at a corner, in ohms per square.
+
+        Raises InputError if the process does not state this corner.
+        """
         if corner != "typical" and corner not in self.corners:
             known = ", ".join(("typical", *self.corners))
             raise InputError(f"corner = {corner!r} is not known for {self.title}; there are {known}")
@@ -232,9 +235,10 @@ class Resistor:
         return self.sheet_resistance * length / (width + self.width_correction) + 2e6 * self.end_resistance / width
 
     def length(self, resistance: float, width: float) -> float:
-        """Return the length in micrometres of a resistance in ohms at a drawn width in micrometres.
+        """Return the drawn length in micrometres at which a resistor of a drawn width has a resistance.
 
-        Raises InputError if the ends alone exceed the resistance, or if the width is below the smallest one.
+        `resistance`: typical resistance in ohms; `width`: drawn width in micrometres. Raises InputError if the
+        ends alone exceed the resistance, or if the width is below the smallest one.
         """
         if width < self.min_width - 1e-9:
             raise InputError(f"width = {width:g} um is below the smallest width, {self.min_width:g} um; widen it")
@@ -249,7 +253,7 @@ class Resistor:
     def capacitance(self, length: float, width: float) -> float | None:
         """Return the capacitance of the body to the substrate in farads, without the heads; None if it is not known.
 
-        `length` and `width` in micrometres.
+        `length`, `width`: drawn length and width of the body, in micrometres.
         """
         if self.area_capacitance is None:
             return None
@@ -257,11 +261,12 @@ class Resistor:
         return self.area_capacitance * length * width * 1e-12 + edge
 
     def pelgrom(self, width: float, length: float) -> float | None:
-        """Return the effective Pelgrom coefficient ``sigma sqrt(W L)`` in percent times micrometres, or None.
+        """Return the effective Pelgrom coefficient ``sigma sqrt(W L)``, in percent times micrometres.
 
-        The variances of sheet resistance, width and length add up: ``A^2 + (B / W)^2 W + (C / L)^2 L``, with ``A`` of
-        `mismatch` and ``B``, ``C`` of `width_mismatch` and `length_mismatch` in percent.  `width` and `length` in
-        micrometres.
+        The result is None if the process states no mismatch. The variances of sheet resistance, width and
+        length add up: ``A^2 + (B / W)^2 W + (C / L)^2 L``, with ``A`` of `mismatch` and ``B``, ``C`` of
+        `width_mismatch` and `length_mismatch` in percent. `width`, `length`: drawn width W and length L of the
+        body, in micrometres.
         """
         if self.mismatch is None:
             return None
@@ -318,7 +323,7 @@ class Process:
 
     @property
     def resistor(self) -> Resistor:
-        """The chosen resistor."""
+        """The resistor that the process was read for: the part of `name` after the colon."""
         return self.resistors[self.name.rpartition(":")[2]]
 
     def min_width(self, layer: str) -> float | None:
@@ -326,11 +331,17 @@ class Process:
         return self.layers[layer].min_width
 
     def min_space(self, layer: str, width: float = 0.0) -> float | None:
-        """Return the smallest space of a layer in micrometres, for shapes of this `width`; None if it is not known."""
+        """Return the smallest distance of shapes on a layer in micrometres; None if it is not known.
+
+        `width`: width of the wider shape in micrometres, because wide shapes need larger distances.
+        """
         rules = [space for limit, space in self.layers[layer].wide_space if width > limit]
         return max(rules, default=self.layers[layer].min_space)
 
     def enclosure(self, cut: str, layer: str) -> float:
-        """Return the overlap in micrometres of a connected layer over a contact or via."""
+        """Return the smallest overlap in micrometres of a layer over a contact or via that it connects.
+
+        `cut`: name of the contact or via; `layer`: name of the layer.
+        """
         sides = {self.cuts[cut].below: self.cuts[cut].enclosure_below}
         return (sides | {self.cuts[cut].above: self.cuts[cut].enclosure_above})[layer]
