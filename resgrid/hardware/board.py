@@ -171,8 +171,8 @@ class Board:
     def closed(self) -> dict[str, tuple[int, ...]]:
         """Pads that solder joins on each solder jumper in this scene, as pad numbers by reference of the jumper.
 
-        Pads 1 and 2 tie the cell to the obstacle rail, pads 2 and 3 to the goal rail. A jumper of a free cell
-        has no entry.
+        Pads 1 and 2 tie the cell to the obstacle rail, pads 2 and 3 to the goal rail. A jumper of a free cell has no
+        entry.
         """
         pads = {Cell.OBSTACLE: (1, 2), Cell.GOAL: (2, 3)}
         cells = self.circuit.space.cell

@@ -32,8 +32,8 @@ class _Work:
     """Results that the stages of a verification collect.
 
     `findings`: messages about differences; `remarks`: messages about stages that could not be done, and warnings;
-    `voltages`: comparisons of voltages; `tools`: version of each outside program by its name; `complete`: whether
-    every stage was done.
+    `voltages`: comparisons of voltages; `tools`: version of each outside program by its name; `complete`: whether every
+    stage was done.
     """
 
     findings: list[str] = field(default_factory=list)
@@ -144,8 +144,7 @@ def _check_rules(work: _Work, reports: BoardReports) -> None:
 def _check_nets(work: _Work, record: HardwareRecord, reports: BoardReports) -> None:
     """Add the differences of nets between the board and the record to `work.findings`.
 
-    Two sets of nets are compared with the record: those that the copper connects, and those that the board file
-    states.
+    Two sets of nets are compared with the record: those that the copper connects, and those that the board file states.
     """
     copper = compare_nets(record, copper_nets(reports.points, reports.copper))
     stated = compare_nets(record, stated_nets(reports.points))
@@ -162,8 +161,7 @@ def _check_nets(work: _Work, record: HardwareRecord, reports: BoardReports) -> N
 def _check_board_circuit(work: _Work, record: HardwareRecord, reports: BoardReports, tolerance: float) -> None:
     """Compare the circuit of the board's copper and part values with the record, and add the differences to `work`.
 
-    `reports`: files of kicad-cli about the board; `tolerance`: largest accepted voltage error relative to the
-    supply.
+    `reports`: files of kicad-cli about the board; `tolerance`: largest accepted voltage error relative to the supply.
     """
     values = {reference: _ohms(text) for reference, text in reports.values.items()}
     resistors = [part.reference for part in record.parts if part.type == "resistor"]
@@ -195,8 +193,8 @@ def _check_schematic(
 ) -> None:
     """Compare KiCad's SPICE netlist of the schematic, and its voltages from ngspice, with the record; add to `work`.
 
-    `tolerance`: largest accepted error of a voltage relative to the supply; `timeout`: longest run in seconds.
-    Without a schematic or ngspice, `work.complete` becomes False.
+    `tolerance`: largest accepted error of a voltage relative to the supply; `timeout`: longest run in seconds. Without
+    a schematic or ngspice, `work.complete` becomes False.
     """
     if reports.spice is None:
         work.remarks.append("the folder has no schematic, so KiCad's SPICE netlist was not compared")

@@ -41,9 +41,9 @@ OBSTACLE_NET, GOAL_NET = "obstacle", "goal"
 class GridResistor:
     """A resistor between two neighbouring cells, or between a cell and the border of the grid.
 
-    `reference`: name on the board, such as R7; `ohms`: resistance; `lower`, `upper`: nets of the terminals at the
-    lower and the higher coordinate along the axis; `axis`: 0 for a horizontal, 1 for a vertical resistor; `cell`:
-    cell (column, row) at the higher coordinate, which lies outside the grid at the upper border.
+    `reference`: name on the board, such as R7; `ohms`: resistance; `lower`, `upper`: nets of the terminals at the lower
+    and the higher coordinate along the axis; `axis`: 0 for a horizontal, 1 for a vertical resistor; `cell`: cell
+    (column, row) at the higher coordinate, which lies outside the grid at the upper border.
     """
 
     reference: str

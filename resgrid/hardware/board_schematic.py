@@ -38,8 +38,8 @@ _SMALL = 1.0
 def draw_schematic(placement: Placement) -> list[Sheet]:
     """Return the sheets of a board's schematic, the root sheet first.
 
-    The root sheet contains the terminals, and a grid of at most 8 x 8 cells. A larger grid is divided into blocks,
-    each on a further sheet.
+    The root sheet contains the terminals, and a grid of at most 8 x 8 cells. A larger grid is divided into blocks, each
+    on a further sheet.
     """
     circuit = placement.circuit
     columns, rows = placement.shape
@@ -144,9 +144,8 @@ class _Drawing:
     ) -> None:
         """Draw a resistor from the cell at one end, with a wire, a rail or the label of a net at its other end.
 
-        `part`: the resistor; `cell`: the cell (column, row) at one end; `at`: place (x, y) of this cell in
-        millimetres; `across`, `up`: ranges of columns and rows of the sheet, within which the other end is
-        joined by a wire.
+        `part`: the resistor; `cell`: the cell (column, row) at one end; `at`: place (x, y) of this cell in millimetres;
+        `across`, `up`: ranges of columns and rows of the sheet, within which the other end is joined by a wire.
         """
         low, high = part.ends
         other, forward = (high, 1) if cell == low else (low, -1)
@@ -179,8 +178,8 @@ class _Drawing:
     def _power(self, sheet: Sheet, net: str, at: Point, turn: int, *, shown: bool = False) -> None:
         """Draw the symbol of a rail on `sheet`.
 
-        `net`: net of the rail; `at`: place (x, y) of the pin in millimetres; `turn`: rotation in degrees, 0 if
-        the bar is above the pin; `shown`: whether the name of the net is shown.
+        `net`: net of the rail; `at`: place (x, y) of the pin in millimetres; `turn`: rotation in degrees, 0 if the bar
+        is above the pin; `shown`: whether the name of the net is shown.
         """
         self._powers[sheet.name] += 1
         reference = f"#PWR{sheet.name.replace(' ', '')}_{self._powers[sheet.name]}"
@@ -197,8 +196,8 @@ def _part(
 ) -> PlacedSymbol:
     """Return the schematic symbol of a part of the board.
 
-    `placed`: the part; `x`, `y`: place on the sheet in millimetres; `text`: place of the reference; `model`: fields
-    of the simulation model, None if the part is not simulated.
+    `placed`: the part; `x`, `y`: place on the sheet in millimetres; `text`: place of the reference; `model`: fields of
+    the simulation model, None if the part is not simulated.
     """
     footprint = f"{LIBRARY}:{placed.footprint.name}"
     return PlacedSymbol(symbol, placed.reference, placed.value, x, y, 0, footprint, text, None, model)
@@ -213,8 +212,8 @@ def _closed(pin: int) -> dict[str, str]:
 def _power(net: str, at: Point, turn: int, reference: str, *, shown: bool) -> PlacedSymbol:
     """Return the symbol of ground or a rail, which gives the wire at its pin the name of the net.
 
-    `net`: name of the net; `at`: place (x, y) of the pin in millimetres; `turn`: rotation in degrees; `reference`:
-    name of the symbol; `shown`: whether the name of the net is shown.
+    `net`: name of the net; `at`: place (x, y) of the pin in millimetres; `turn`: rotation in degrees; `reference`: name
+    of the symbol; `shown`: whether the name of the net is shown.
     """
     symbol = symbols.GROUND if net == GROUND else symbols.RAIL
     text = TextPlace(0.0, 3.9 if symbol is symbols.GROUND else -2.5, _SMALL) if shown else None
@@ -263,8 +262,8 @@ def _sources(circuit: BoardCircuit) -> Iterator[tuple[str, float]]:
 def _draw_sources(root: Sheet, circuit: BoardCircuit, left: float) -> None:
     """Draw the voltage sources of the simulation on the root sheet, in rows of six.
 
-    Each driven net gets a power flag, so that KiCad's electrical rules accept it. `left`: place of the left end of
-    the rows, in millimetres.
+    Each driven net gets a power flag, so that KiCad's electrical rules accept it. `left`: place of the left end of the
+    rows, in millimetres.
     """
     y = 213.36
     nets = [*_sources(circuit)]

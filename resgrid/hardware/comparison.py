@@ -57,9 +57,9 @@ def compare_nets(record: HardwareRecord, found: Mapping[Pad, Label | None]) -> l
 def match_nets(expected: Mapping[Pad, str], found: Mapping[Pad, Label | None]) -> dict[Label, str]:
     """Return the expected net that corresponds to each net of another circuit, by the label of the other net.
 
-    `expected`: expected net of every pad; `found`: net of every pad in the other circuit, None without a
-    connection. An expected net corresponds to the found net that contains most of its pads. If several expected
-    nets claim one found net, the expected net with most pads on it is chosen, and the others have no entry.
+    `expected`: expected net of every pad; `found`: net of every pad in the other circuit, None without a connection. An
+    expected net corresponds to the found net that contains most of its pads. If several expected nets claim one found
+    net, the expected net with most pads on it is chosen, and the others have no entry.
     """
     groups = _groups(expected, found)
     most = {net: max(map(len, labels.values())) for net, labels in groups.items()}
@@ -80,8 +80,8 @@ def _groups(
 ) -> dict[str, dict[Label, list[Pad]]]:  # fmt: skip
     """Return the pads of every expected net, grouped by their net in another circuit.
 
-    `expected`: expected net of every pad; `found`: net of every pad in the other circuit. Pads without a net are
-    left out.
+    `expected`: expected net of every pad; `found`: net of every pad in the other circuit. Pads without a net are left
+    out.
     """
     groups: defaultdict[str, dict[Label, list[Pad]]] = defaultdict(dict)
     for pad, net in expected.items():

@@ -40,9 +40,9 @@ class Contact:
 class Copper:
     """Connected copper of a board, found from its shapes (polygons) on all layers.
 
-    `trees`: spatial index of the shapes of each layer, front first; `island`: for each shape the number of the set
-    of connected shapes to which it belongs, int, shape (shapes,), layer by layer; `first`: index in `island` of the
-    first shape of each layer; `contacts`: places where copper of different stated nets touches.
+    `trees`: spatial index of the shapes of each layer, front first; `island`: for each shape the number of the set of
+    connected shapes to which it belongs, int, shape (shapes,), layer by layer; `first`: index in `island` of the first
+    shape of each layer; `contacts`: places where copper of different stated nets touches.
     """
 
     trees: tuple[Any, ...]
@@ -53,8 +53,7 @@ class Copper:
     def probe(self, position: tuple[float, float], access: int) -> int | None:
         """Return the number of the set of connected copper shapes at a point, None without copper.
 
-        `position`: x and y in millimetres; `access`: number of the layer, from 1 for the front, 0 for any
-        layer.
+        `position`: x and y in millimetres; `access`: number of the layer, from 1 for the front, 0 for any layer.
         """
         from shapely import Point
 
@@ -138,8 +137,8 @@ def _contacts(
 ) -> list[Contact]:
     """Return one place for each pair of different stated nets whose shapes touch.
 
-    `shapes`: shapes of all layers; `rows`, `columns`: indices of the shapes of each touching pair; `first`: index
-    of the first shape of each layer.
+    `shapes`: shapes of all layers; `rows`, `columns`: indices of the shapes of each touching pair; `first`: index of
+    the first shape of each layer.
     """
     from shapely.ops import nearest_points
 

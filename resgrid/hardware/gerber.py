@@ -44,12 +44,12 @@ class CopperShape:
 class _State:
     """State of the plotter of a Gerber file.
 
-    `place`: name of the file, for messages; `unit`: millimetres per unit of the file (1 or 25.4); `scale`: units of
-    the file per integer coordinate; `point`: current point in millimetres; `mode`: 1 for lines, 2 and 3 for
-    clockwise and counterclockwise arcs; `current`: selected aperture, None before the first selection; `contour`:
-    points of the current contour in millimetres, None outside regions; `dark`: whether objects add copper (they
-    remove it otherwise); `net`: attribute ``.N`` of objects; `apertures`: apertures by number; `macros`: primitives
-    by macro name; `shapes`: finished objects.
+    `place`: name of the file, for messages; `unit`: millimetres per unit of the file (1 or 25.4); `scale`: units of the
+    file per integer coordinate; `point`: current point in millimetres; `mode`: 1 for lines, 2 and 3 for clockwise and
+    counterclockwise arcs; `current`: selected aperture, None before the first selection; `contour`: points of the
+    current contour in millimetres, None outside regions; `dark`: whether objects add copper (they remove it otherwise);
+    `net`: attribute ``.N`` of objects; `apertures`: apertures by number; `macros`: primitives by macro name; `shapes`:
+    finished objects.
     """
 
     place: str

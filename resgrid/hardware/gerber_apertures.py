@@ -79,8 +79,8 @@ def _scaled(geometry: Any, unit: float) -> Any:
 def _standard(name: str, size: list[float], values: list[float], place: str) -> Aperture:
     """Return the aperture of a circle, rectangle, obround or regular polygon.
 
-    `name`: C, R, O or P; `size`: parameters as lengths in millimetres; `values`: parameters as written, for numbers
-    of corners and angles in degrees; `place`: name of the file, for messages.
+    `name`: C, R, O or P; `size`: parameters as lengths in millimetres; `values`: parameters as written, for numbers of
+    corners and angles in degrees; `place`: name of the file, for messages.
     """
     from shapely import LineString, Point, Polygon, box
 
@@ -111,8 +111,8 @@ def _ring(body: Any, hole: list[float]) -> Any:
 def _macro(primitives: list[list[str]], values: list[float], place: str) -> Any:
     """Return the polygon of an aperture macro, in units of the file.
 
-    `primitives`: the expressions of each primitive; `values`: parameters of the aperture; `place`: name of the
-    file, for messages.
+    `primitives`: the expressions of each primitive; `values`: parameters of the aperture; `place`: name of the file,
+    for messages.
     """
     from shapely import Polygon
 
@@ -127,8 +127,7 @@ def _macro(primitives: list[list[str]], values: list[float], place: str) -> Any:
 def _primitive(code: int, n: list[float], place: str) -> tuple[Any, bool]:
     """Return the polygon of a macro primitive and whether it adds copper.
 
-    `code`: number of the primitive in the Gerber specification; `n`: its parameters, in units of the file and
-    degrees.
+    `code`: number of the primitive in the Gerber specification; `n`: its parameters, in units of the file and degrees.
     """
     from shapely import LineString, Point, Polygon, box
     from shapely.affinity import rotate

@@ -112,8 +112,8 @@ def _copy_project(board: Path, folder: Path) -> Path:
 def _rules(folder: Path) -> RuleReport:
     """Return the errors and warnings of kicad-cli's rule checks of a board.
 
-    Errors are violations of design rules, of electrical rules, and differences between schematic and board.
-    `folder`: folder with the JSON reports of kicad-cli.
+    Errors are violations of design rules, of electrical rules, and differences between schematic and board. `folder`:
+    folder with the JSON reports of kicad-cli.
     """
     design = json.loads(read_text(folder / _DRC))
     electrical = folder / _ERC

@@ -80,8 +80,8 @@ def circuit(kdb: Any, layout: Any, top: Any, job: Any) -> dict[str, Any]:
 def body_and_ends(regions: Any, job: Any) -> tuple[Any, Any]:
     """Return the regions of the bodies and of the ends of resistors.
 
-    A body lies where all layers of bodies overlap; an end where all layers of ends overlap, outside bodies.
-    `regions`: region of each layer by name; `job`: names of the layers of bodies and ends.
+    A body lies where all layers of bodies overlap; an end where all layers of ends overlap, outside bodies. `regions`:
+    region of each layer by name; `job`: names of the layers of bodies and ends.
     """
     body, ends = regions[job["body"][0]], regions[job["ends"][0]]
     for name in job["body"][1:]:

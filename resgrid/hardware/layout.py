@@ -254,8 +254,7 @@ def _drawable_wiring(space: ConfigurationSpace, wiring: Wiring) -> Wiring:
 def _distinct(ohms: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Return the different resistances in ohms, ascending, and for each resistor the index of its resistance there.
 
-    Resistances that differ by less than 1e-9 of their value count as equal. `ohms` (resistors,): resistances in
-    ohms.
+    Resistances that differ by less than 1e-9 of their value count as equal. `ohms` (resistors,): resistances in ohms.
     """
     keys, first, number = np.unique(np.round(np.log(ohms) * 1e9), return_index=True, return_inverse=True)
     del keys

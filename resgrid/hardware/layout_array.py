@@ -22,12 +22,11 @@ ORIGIN = (-1, -1)
 class TileArray:
     """Contents of all tiles of a layout; a tile is the drawing of one cell of the grid.
 
-    Arrays have the shape (columns + 2, rows + 2): a margin of one tile around the grid belongs to the obstacle
-    rail. `along_x`, `along_y`: for the resistor from a tile to the next one along x or y, the index of its
-    resistance among the different resistances of the layout, -1 without a resistor; `node`: whether a tile has a
-    metal bar, which is its node; `obstacle`: whether a tile is tied to the obstacle rail; `region`: for a tile of a
-    goal region or the start, the index of its net in `nets`, -1 elsewhere; `nets`: names of the nets of the goal
-    regions and the start.
+    Arrays have the shape (columns + 2, rows + 2): a margin of one tile around the grid belongs to the obstacle rail.
+    `along_x`, `along_y`: for the resistor from a tile to the next one along x or y, the index of its resistance among
+    the different resistances of the layout, -1 without a resistor; `node`: whether a tile has a metal bar, which is its
+    node; `obstacle`: whether a tile is tied to the obstacle rail; `region`: for a tile of a goal region or the start,
+    the index of its net in `nets`, -1 elsewhere; `nets`: names of the nets of the goal regions and the start.
     """
 
     along_x: NDArray[np.int64]

@@ -26,9 +26,9 @@ def rail_drops(
 ) -> dict[str, float]:
     """Return the largest voltage drop between the pad and a contact of every net, in volts by the name of the net.
 
-    The currents are those of ideal rails. A trunk (a vertical wire to a goal region or the start) carries the
-    current of its net. A stripe of the obstacle rail (a horizontal wire) is fed from both ends through vertical
-    wires, which are fed from below; the drops of stripe and vertical wire add up.
+    The currents are those of ideal rails. A trunk (a vertical wire to a goal region or the start) carries the current
+    of its net. A stripe of the obstacle rail (a horizontal wire) is fed from both ends through vertical wires, which
+    are fed from below; the drops of stripe and vertical wire add up.
     """
     currents = rail_currents(op)
     third = rules.metals[2]

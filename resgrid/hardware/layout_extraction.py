@@ -31,11 +31,11 @@ They are the distances of tiles along x and y, and the y of the resistor along y
 class Extraction:
     """Circuit of a layout as klayout extracts it.
 
-    `pitch`: distances of tiles along x and y, and y of the resistor along y in its tile, in nanometres; `nets`:
-    number of the net of every pad, by reference of the part and number of the pad, None without a net; `ohms`:
-    resistance of every resistor, by reference; `place`: place of every part, in micrometres; `labels`: text, place
-    in micrometres and number of the net of each label, None on no metal; `violations`: messages about violated
-    design rules; `messages`: problems of the extraction.
+    `pitch`: distances of tiles along x and y, and y of the resistor along y in its tile, in nanometres; `nets`: number
+    of the net of every pad, by reference of the part and number of the pad, None without a net; `ohms`: resistance of
+    every resistor, by reference; `place`: place of every part, in micrometres; `labels`: text, place in micrometres and
+    number of the net of each label, None on no metal; `violations`: messages about violated design rules; `messages`:
+    problems of the extraction.
     """
 
     pitch: tuple[int, ...]

@@ -103,9 +103,8 @@ def _metals(process: Process) -> tuple[MetalRules, ...]:
 def _metal(process: Process, name: str, via: str, cut: Cut | None) -> MetalRules:
     """Return the rules of the metal `name`.
 
-    `via`: name of the layer of the vias to the next metal above, empty for the highest; `cut`: their rules, None
-    for the highest. The spacing of the metal holds for shapes up to `WIDE`, and that of the vias for arrays of
-    every size.
+    `via`: name of the layer of the vias to the next metal above, empty for the highest; `cut`: their rules, None for
+    the highest. The spacing of the metal holds for shapes up to `WIDE`, and that of the vias for arrays of every size.
     """
     layer = process.layers[name]
     label = next((label for label in (f"{name}_label", "label") if label in process.layers), name)

@@ -40,8 +40,8 @@ RING = 5000
 class Trunk:
     """A vertical wire of metal 3 from a tile of a goal region or the start down to a horizontal wire below the array.
 
-    `net`: name of the net; `column`, `row`: the tile at which the trunk begins; `x`: centre of the trunk; `width`:
-    its width; lengths are in nanometres.
+    `net`: name of the net; `column`, `row`: the tile at which the trunk begins; `x`: centre of the trunk; `width`: its
+    width; lengths are in nanometres.
     """
 
     net: str
@@ -83,10 +83,10 @@ class RailPlan:
 
     `trunks`: vertical wires to goal regions and the start, from left to right; `pads`: the pads from left to right;
     `wire`: width of the horizontal wires (tracks) below the array, and wanted width of trunks; `ring`: width of the
-    vertical parts of the obstacle rail, 0 without this rail; `sides`: x of the centres of these parts; `bottom`: y
-    of the lower end of the array; `tracks`: y of the track of every trunk; `bend`: y of the centre of the wires
-    that lead from the obstacle rail outwards to its pads; `pad_top`: y of the upper edge of the pads; `rows`: rows
-    with a stripe of the obstacle rail.
+    vertical parts of the obstacle rail, 0 without this rail; `sides`: x of the centres of these parts; `bottom`: y of
+    the lower end of the array; `tracks`: y of the track of every trunk; `bend`: y of the centre of the wires that lead
+    from the obstacle rail outwards to its pads; `pad_top`: y of the upper edge of the pads; `rows`: rows with a stripe
+    of the obstacle rail.
     """
 
     trunks: tuple[Trunk, ...]
@@ -123,8 +123,8 @@ def plan_rails(
 ) -> RailPlan:
     """Return the measures of rails and pads.
 
-    `amps`: current of every net, in amperes; `supply`: voltage between the rails, in volts, which limits the drop
-    along trunks.
+    `amps`: current of every net, in amperes; `supply`: voltage between the rails, in volts, which limits the drop along
+    trunks.
     """
     metals = rules.metals
     second, third = metals[1:3]

@@ -26,10 +26,9 @@ WIDEST = 10_000_000
 class Serpentine:
     """A drawn resistor whose body runs back and forth in rows along x; lengths are in nanometres.
 
-    The body begins at x = 0, and the centre of row 0 is at y = 0. `rows`: odd number of rows; `turn`: x of the
-    centre of the turns on the right, 0 for one row; `end`: x at which the body ends in the last row; `area`: area
-    of the body in nm^2; `width`: width of the body; `corners`: number of right-angled corners; `resistance`:
-    resistance in ohms.
+    The body begins at x = 0, and the centre of row 0 is at y = 0. `rows`: odd number of rows; `turn`: x of the centre
+    of the turns on the right, 0 for one row; `end`: x at which the body ends in the last row; `area`: area of the body
+    in nm^2; `width`: width of the body; `corners`: number of right-angled corners; `resistance`: resistance in ohms.
     """
 
     rows: int
@@ -46,9 +45,9 @@ class Head:
     """Measures of the two ends of all resistors, which contain the contacts, in nanometres.
 
     `length`: length along x of an end beyond the body; `contact`: distance of the contacts' centre from the body;
-    `height`: height of an end; `metal`: half the height of the metal on the contacts; `bar`: width of a vertical
-    bar of metal 1 over the contacts; `pitch`: distance between rows of the body; `inset`: distance along x between
-    the beginning of the body and the centre of the turns on the left.
+    `height`: height of an end; `metal`: half the height of the metal on the contacts; `bar`: width of a vertical bar of
+    metal 1 over the contacts; `pitch`: distance between rows of the body; `inset`: distance along x between the
+    beginning of the body and the centre of the turns on the left.
     """
 
     length: int
@@ -90,8 +89,8 @@ def body_width(rules: LayoutRules, resistances: Sequence[float], width: float | 
 
     `resistances`: values in ohms; `width`: wanted width in metres, None for the smallest width that the rules and
     `matching` permit; `matching`: wanted standard deviation of the relative resistance, None for no limit. The
-    deviation is ``coefficient / sqrt(width * length)`` (Pelgrom et al. 1989). Raises InputError for values that
-    cannot be drawn.
+    deviation is ``coefficient / sqrt(width * length)`` (Pelgrom et al. 1989). Raises InputError for values that cannot
+    be drawn.
     """
     least = rules.even(rules.width)
     if width is not None and matching is not None:
@@ -121,8 +120,8 @@ def body_width(rules: LayoutRules, resistances: Sequence[float], width: float | 
 def _matched_width(rules: LayoutRules, resistance: float, matching: float) -> int:
     """Return the width in nanometres at which a resistor's relative resistance has the standard deviation `matching`.
 
-    `resistance`: resistance in ohms. Raises InputError if the process states no mismatch, or the resistor becomes
-    too wide.
+    `resistance`: resistance in ohms. Raises InputError if the process states no mismatch, or the resistor becomes too
+    wide.
     """
     if rules.resistor.mismatch is None:
         raise InputError(f"{rules.process} states no mismatch of resistors; give the width instead of matching")
@@ -169,9 +168,9 @@ def serpentine(rules: LayoutRules, head: Head, width: int, resistance: float, ro
 def size_resistors(rules: LayoutRules, head: Head, width: int, resistances: Sequence[float]) -> list[Serpentine]:
     """Return one drawn resistor for each resistance, in this order.
 
-    The largest number of rows is chosen for all so that width plus height of a tile becomes smallest; a resistor
-    that is too short for this number has fewer rows. `width`: width of the bodies in nanometres; `resistances`:
-    different values in ohms. Raises InputError for a resistance that cannot be drawn.
+    The largest number of rows is chosen for all so that width plus height of a tile becomes smallest; a resistor that
+    is too short for this number has fewer rows. `width`: width of the bodies in nanometres; `resistances`: different
+    values in ohms. Raises InputError for a resistance that cannot be drawn.
     """
     for value in resistances:
         if not rules.body_length - rules.grid / 2 <= rules.length(value, width, 0) <= LONGEST:

@@ -21,11 +21,10 @@ from resgrid.hardware.layout_rules import Box, DrawnCell, LayoutRules, Placement
 class TileGeometry:
     """Measures of a tile, in nanometres, relative to the centre of its bar in row 0 of its resistor along x.
 
-    `px`, `py`: distances between tiles along x and y; `start`: x at which the bodies of resistors begin; `upper`: y
-    of row 0 of the resistor along y; `back`: y of the centre of the wire of metal 1 from the resistor along y to
-    the next tile; `wire`: width of such wires; `low`, `high`: lower and upper end of the bar; `link`: width of a
-    wire of metal 2 or 3 between goal cells; `stripe`: y of the lower and upper edge of the obstacle rail's wire of
-    metal 2.
+    `px`, `py`: distances between tiles along x and y; `start`: x at which the bodies of resistors begin; `upper`: y of
+    row 0 of the resistor along y; `back`: y of the centre of the wire of metal 1 from the resistor along y to the next
+    tile; `wire`: width of such wires; `low`, `high`: lower and upper end of the bar; `link`: width of a wire of metal 2
+    or 3 between goal cells; `stripe`: y of the lower and upper edge of the obstacle rail's wire of metal 2.
     """
 
     px: int
@@ -76,9 +75,8 @@ def tile_geometry(rules: LayoutRules, head: Head, shapes: Sequence[Serpentine]) 
 def tile_cells(rules: LayoutRules, head: Head, tile: TileGeometry, shapes: Sequence[Serpentine]) -> list[DrawnCell]:
     """Return the GDSII cells that tiles consist of.
 
-    They are vias, the bar, the ties to the obstacle rail and to a goal, and three cells per different resistance:
-    cell ``r3`` is a resistor, ``x3`` connects it to the bar of a tile and to the next bar along x, and ``y3`` along
-    y.
+    They are vias, the bar, the ties to the obstacle rail and to a goal, and three cells per different resistance: cell
+    ``r3`` is a resistor, ``x3`` connects it to the bar of a tile and to the next bar along x, and ``y3`` along y.
     """
     first, second, third = rules.metals[:3]
     half, link = head.bar // 2, tile.link // 2
@@ -127,8 +125,8 @@ def _along_y(
 def placements(cell: str, mask: NDArray[np.bool_], tile: TileGeometry, origin: tuple[int, int]) -> list[Placement]:
     """Return few placements, as regular arrays, that put a cell at all true places of a mask.
 
-    `cell`: name of the cell; `mask` (columns, rows): tiles that contain the cell; `origin`: column and row of the
-    first entry of the mask.
+    `cell`: name of the cell; `mask` (columns, rows): tiles that contain the cell; `origin`: column and row of the first
+    entry of the mask.
     """
     return [
         Placement(cell, (origin[0] + i) * tile.px, (origin[1] + j) * tile.py, columns, rows, tile.px, tile.py)

@@ -56,8 +56,7 @@ _LINK_SPACING = 4.2
 class Channel:
     """A pin of a header row for a converter.
 
-    `cell`: the cell (column, row) whose voltage it carries; `net`: net of the cell; `pin`: place (x, y) in
-    millimetres.
+    `cell`: the cell (column, row) whose voltage it carries; `net`: net of the cell; `pin`: place (x, y) in millimetres.
     """
 
     cell: Index
@@ -69,8 +68,7 @@ class Channel:
 class GoalTap:
     """The cell at which the track of a goal region begins.
 
-    `net`: net of the region; `cell`: (column, row); `lane`: 0, or 1 for the second track in the same row of the
-    grid.
+    `net`: net of the region; `cell`: (column, row); `lane`: 0, or 1 for the second track in the same row of the grid.
     """
 
     net: str
@@ -82,8 +80,8 @@ class GoalTap:
 class Placement:
     """Places of the parts of a board, in millimetres.
 
-    x points to the right and y downwards; cell (0, 0) is at the lower left. `circuit`: circuit of the board;
-    `pitch`: distance of neighbouring cells, in millimetres.
+    x points to the right and y downwards; cell (0, 0) is at the lower left. `circuit`: circuit of the board; `pitch`:
+    distance of neighbouring cells, in millimetres.
     """
 
     circuit: BoardCircuit
@@ -210,8 +208,8 @@ class Placement:
     def _channel_rows(self) -> list[int]:
         """Return the rows of the grid that get a header row for a converter, from the top.
 
-        They are far enough apart for the pins of the headers. Rows in which the track of a goal region begins
-        are left out, because the tracks of both would cut the copper plane between them into pieces.
+        They are far enough apart for the pins of the headers. Rows in which the track of a goal region begins are left
+        out, because the tracks of both would cut the copper plane between them into pieces.
         """
         rows = self.shape[1]
         taken = {tap.cell[1] for tap in self.goal_taps}
@@ -247,8 +245,7 @@ class Placement:
     def goal_taps(self) -> list[GoalTap]:
         """The cells at which the tracks of the goal regions begin, from the lowest row; empty on a board with jumpers.
 
-        A region begins in a row without other tracks of goals if possible. Two tracks in one row have different
-        lanes.
+        A region begins in a row without other tracks of goals if possible. Two tracks in one row have different lanes.
         """
         if self.circuit.kind == "jumpers":
             return []
@@ -275,7 +272,7 @@ class Placement:
 
     @property
     def headers(self) -> list[PlacedFootprint]:
-        """Supply terminal J1, reference header J2, goal links, and header rows for a converter."""
+        """Supply terminal J1, header J2 for the supply as reference, goal links to ground, and converter headers."""
         left, _, right, bottom = self.ring
         high, goals = self.circuit.high_net, self.linked_goals
         parts: list[tuple[Footprint, str, float, float, tuple[str, ...], int]] = []

@@ -72,9 +72,9 @@ def _cut_part(
 ) -> None:  # fmt: skip
     """Append the areas that the holes and pads of a part cut out of the plane, and the spokes to its soldered pins.
 
-    `net`: net of the plane; `cut`: areas around pads of other nets and around holes; `gaps`: areas around soldered
-    pins of the plane's net; `spokes`: connections across these gaps; `contacts`: places at which pads of this net
-    meet the plane. The last four lists are extended.
+    `net`: net of the plane; `cut`: areas around pads of other nets and around holes; `gaps`: areas around soldered pins
+    of the plane's net; `spokes`: connections across these gaps; `contacts`: places at which pads of this net meet the
+    plane. The last four lists are extended.
     """
     soldered = "through_hole" in placed.footprint.attributes
     for number, pad in enumerate(placed.footprint.pads):

@@ -153,8 +153,7 @@ def _jumpers(placement: Placement) -> Iterator[Track | Via]:
 def _channels(placement: Placement) -> Iterator[Track | Via]:
     """Yield the tracks on the back from cells to the header rows of a converter.
 
-    The horizontal tracks of a row lie above its cells. The leftmost cell has the lowest one, so that no tracks
-    cross.
+    The horizontal tracks of a row lie above its cells. The leftmost cell has the lowest one, so that no tracks cross.
     """
     left = placement.ring[0]
     for group in placement.channels:

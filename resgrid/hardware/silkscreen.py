@@ -185,7 +185,7 @@ def _wrapped(lines: Iterable[str], most: int) -> list[str]:
 
 
 def _blocked(placement: Placement, texts: list[Text]) -> BaseGeometry:
-    """Return the area that lines must avoid: pads, texts, references, and outlines of parts."""
+    """Return the area, in mm, that printed lines must avoid: pads, texts, references, and outlines of parts."""
     areas: list[BaseGeometry] = [box(*text.box).buffer(_FREE_OF_TEXT) for text in texts]
     for placed in placement.parts:
         for pad in placed.footprint.pads:

@@ -26,8 +26,8 @@ CHEAP = 100.0
 def format_readme(board: Board, yields: Mapping[int, Proportion], *, manufactured: bool) -> str:
     """Return the text of ``README.md`` in the folder of a board.
 
-    `yields`: fraction of starts that arrive, by the resolution of the converter in bits; `manufactured`: whether
-    the folder contains the files for a manufacturer.
+    `yields`: fraction of starts that arrive, by the resolution of the converter in bits; `manufactured`: whether the
+    folder contains the files for a manufacturer.
     """
     parts = (
         _head(board),

@@ -74,7 +74,10 @@ def resistance_record(value: EffectiveResistance, names: list[str]) -> dict[str,
 
 
 def _views(value: EffectiveResistance, names: list[str]) -> Views:
-    """Return the functions that make the contents of a file; `names`: names of the terminals."""
+    """Return functions that make the contents of a file: ``table`` for CSV, ``record`` for JSON, ``arrays`` for NPZ.
+
+    `names`: names of the terminals.
+    """
     return {
         "table": lambda: {
             "first": [names[number] for number in value.pairs[:, 0]],

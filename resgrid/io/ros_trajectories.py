@@ -18,8 +18,8 @@ from resgrid.planning.time_parameterization import Trajectory
 def message_of(path: Timed, *, heading: float | None = None, fixed_joints: bool = False) -> str:
     """Return a path as the text of a message for ROS: a JointTrajectory for robots with named joints, else a Path.
 
-    `heading`: heading of the last pose of a Path, in radians, as in `to_ros_path`; `fixed_joints`: whether a
-    JointTrajectory also has the joints that do not move.
+    `heading`: heading of the last pose of a Path in radians, None for the direction of motion; `fixed_joints`: whether
+    a JointTrajectory also has the joints that do not move.
     """
     if has_joints(path.space):
         return to_ros_trajectory(path, fixed_joints=fixed_joints)
@@ -108,7 +108,7 @@ def to_ros_trajectory(path: Timed, *, frame_id: str = "", fixed_joints: bool = F
 
 
 def has_joints(space: ConfigurationSpace) -> bool:
-    """Return whether the robot of a space has named joints, which a motion controller knows."""
+    """Return whether the robot of a space has named joints, as a robot from a URDF file."""
     return space.robot is not None and bool(space.robot.joint_names)
 
 

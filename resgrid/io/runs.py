@@ -19,7 +19,10 @@ _STEP = {"": "configuration", "_believed": "believed", "_rate": "velocity", "_to
 """
 
 _CONTACT = ("contact_x", "contact_y", "force_x", "force_y", "part", "body", "sticking")
-"""Names of the columns for the contact with the largest force in a time step."""
+"""Names of the columns of the contact with the largest force in a time step.
+
+`part`: index of the robot's part that touches; `body`: index of the touched obstacle.
+"""
 
 
 def write_run(run: Run | Sequence[Run], file: str | os.PathLike[str]) -> Path:

@@ -237,8 +237,8 @@ class Resistor:
     def length(self, resistance: float, width: float) -> float:
         """Return the drawn length in micrometres at which a resistor of a drawn width has a resistance.
 
-        `resistance`: typical resistance in ohms; `width`: drawn width in micrometres. Raises InputError if the
-        ends alone exceed the resistance, or if the width is below the smallest one.
+        `resistance`: typical resistance in ohms; `width`: drawn width in micrometres. Raises InputError if the ends
+        alone exceed the resistance, or if the width is below the smallest one.
         """
         if width < self.min_width - 1e-9:
             raise InputError(f"width = {width:g} um is below the smallest width, {self.min_width:g} um; widen it")
@@ -263,10 +263,9 @@ class Resistor:
     def pelgrom(self, width: float, length: float) -> float | None:
         """Return the effective Pelgrom coefficient ``sigma sqrt(W L)``, in percent times micrometres.
 
-        The result is None if the process states no mismatch. The variances of sheet resistance, width and
-        length add up: ``A^2 + (B / W)^2 W + (C / L)^2 L``, with ``A`` of `mismatch` and ``B``, ``C`` of
-        `width_mismatch` and `length_mismatch` in percent. `width`, `length`: drawn width W and length L of the
-        body, in micrometres.
+        The result is None if the process states no mismatch. The variances of sheet resistance, width and length add
+        up: ``A^2 + (B / W)^2 W + (C / L)^2 L``, with ``A`` of `mismatch` and ``B``, ``C`` of `width_mismatch` and
+        `length_mismatch` in percent. `width`, `length`: drawn width W and length L of the body, in micrometres.
         """
         if self.mismatch is None:
             return None

@@ -21,9 +21,9 @@ PIN_SPACING = 2.54
 class Pad:
     """A pad of a footprint.
 
-    `number`: text such as "1", empty for a hole without copper; `x`, `y`: centre relative to the footprint's
-    centre, in millimetres, y downwards; `width`, `height`: in millimetres; `shape`: "circle", "rect" or
-    "roundrect"; `drill`: diameter of the hole in millimetres, 0 for a pad on the front without a hole.
+    `number`: text such as "1", empty for a hole without copper; `x`, `y`: centre relative to the footprint's centre, in
+    millimetres, y downwards; `width`, `height`: in millimetres; `shape`: "circle", "rect" or "roundrect"; `drill`:
+    diameter of the hole in millimetres, 0 for a pad on the front without a hole.
     """
 
     number: str
@@ -39,9 +39,9 @@ class Pad:
 class Footprint:
     """A footprint in the library of a board's folder; all lengths are in millimetres.
 
-    `name`: its name; `about`: description; `pads`: the pads; `silk`: lines (x0, y0, x1, y1) on the front
-    silkscreen; `courtyard`: rectangle (x0, y0, x1, y1) that other parts must leave free, None without one;
-    `attributes`: KiCad's words for its kind, such as ``smd``.
+    `name`: its name; `about`: description; `pads`: the pads; `silk`: lines (x0, y0, x1, y1) on the front silkscreen;
+    `courtyard`: rectangle (x0, y0, x1, y1) that other parts must leave free, None without one; `attributes`: KiCad's
+    words for its kind, such as ``smd``.
     """
 
     name: str
@@ -57,10 +57,10 @@ class PlacedFootprint:
     """A footprint on the board.
 
     `footprint`: the footprint; `reference`, `value`: texts such as R7 and 10k; `x`, `y`: centre in millimetres, y
-    downwards; `turn`: rotation in degrees, counterclockwise: 0, 90, 180 or 270; `nets`: net of each pad; `label`:
-    place (x, y) of the reference on the board's silkscreen in mm, None if only the fabrication layer shows it;
-    `label_turn`: rotation of the reference; `label_size`: width and height of its letters; `path`: path of its
-    symbol in the schematic.
+    downwards; `turn`: rotation in degrees, counterclockwise: 0, 90, 180 or 270; `nets`: net of each pad; `label`: place
+    (x, y) of the reference on the board's silkscreen in mm, None if only the fabrication layer shows it; `label_turn`:
+    rotation of the reference; `label_size`: width and height of its letters; `path`: path of its symbol in the
+    schematic.
     """
 
     footprint: Footprint
@@ -206,8 +206,8 @@ def _effects(size: Sequence[float]) -> Node:
 def _contents(footprint: Footprint, key: str, nets: Mapping[str, tuple[int, str]], turn: int = 0) -> list[Node]:
     """Return the S-expressions of attributes, lines, courtyard and pads of a footprint.
 
-    `key`: name from which identifiers are derived; `nets`: number and name of the net of each pad, by the pad's
-    number; `turn`: rotation of the footprint in degrees.
+    `key`: name from which identifiers are derived; `nets`: number and name of the net of each pad, by the pad's number;
+    `turn`: rotation of the footprint in degrees.
     """
     parts: list[Node] = [["attr", *map(Word, footprint.attributes)]] if footprint.attributes else []
     parts += [_line(line, key, number) for number, line in enumerate(footprint.silk)]
@@ -236,8 +236,8 @@ def _line(line: tuple[float, float, float, float], key: str, number: int) -> Nod
 def _pad(pad: Pad, key: str, net: tuple[int, str] | None, turn: int) -> Node:
     """Return the S-expression of a pad.
 
-    `key`: name of its footprint, from which the identifier is derived; `net`: number and name of its net, None
-    without one; `turn`: rotation of the footprint in degrees.
+    `key`: name of its footprint, from which the identifier is derived; `net`: number and name of its net, None without
+    one; `turn`: rotation of the footprint in degrees.
     """
     kind = "smd" if not pad.drill else "thru_hole" if pad.number else "np_thru_hole"
     layers = ("*.Cu", "*.Mask") if pad.drill else ("F.Cu", "F.Mask", "F.Paste")
@@ -258,8 +258,7 @@ def _pad(pad: Pad, key: str, net: tuple[int, str] | None, turn: int) -> Node:
 class Graphics:
     """Lines and texts of a board that belong to no part.
 
-    `lines`: ends and width in millimetres, and name of the layer: (x0, y0, x1, y1, width, layer); `texts`: the
-    texts.
+    `lines`: ends and width in millimetres, and name of the layer: (x0, y0, x1, y1, width, layer); `texts`: the texts.
     """
 
     lines: list[tuple[float, float, float, float, float, str]] = field(default_factory=list)
@@ -270,9 +269,9 @@ class Graphics:
 class Text:
     """A text on the silkscreen.
 
-    `text`: its words; `x`, `y`: anchor in millimetres, y downwards; `size`: width and height of letters in
-    millimetres; `turn`: rotation in degrees; `layer`: name of the layer; `align`: side of the text at the anchor:
-    "left", "right", or "" for the centre; `thickness`: width of its lines in millimetres.
+    `text`: its words; `x`, `y`: anchor in millimetres, y downwards; `size`: width and height of letters in millimetres;
+    `turn`: rotation in degrees; `layer`: name of the layer; `align`: side of the text at the anchor: "left", "right",
+    or "" for the centre; `thickness`: width of its lines in millimetres.
     """
 
     text: str

@@ -76,8 +76,8 @@ class Plane:
 class BoardDrawing:
     """Contents of a board file.
 
-    `title`, `revision`, `comments`: texts of the title block; `size`: width and height in millimetres; `origin`:
-    upper left corner; `radius`: radius of the rounded corners in millimetres; `paper`: name of the sheet's size;
+    `title`, `revision`, `comments`: texts of the title block; `size`: width and height in millimetres; `origin`: upper
+    left corner; `radius`: radius of the rounded corners in millimetres; `paper`: name of the sheet's size;
     `footprints`: placed parts; `tracks`, `vias`, `plane`: copper; `graphics`: printed lines and texts.
     """
 

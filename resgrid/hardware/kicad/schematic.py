@@ -36,10 +36,10 @@ class TextPlace:
 class PlacedSymbol:
     """A symbol on a sheet.
 
-    `symbol`: the symbol; `reference`, `value`: texts such as R7 and 10k; `x`, `y`: centre in millimetres, y
-    downwards; `turn`: rotation in degrees, counterclockwise; `footprint`: name of its footprint with the library,
-    such as ``resgrid:R_0603``; `reference_at`, `value_at`: places of the texts, None if hidden; `simulation`:
-    fields of the simulation model by name, None if the simulation leaves the symbol out.
+    `symbol`: the symbol; `reference`, `value`: texts such as R7 and 10k; `x`, `y`: centre in millimetres, y downwards;
+    `turn`: rotation in degrees, counterclockwise; `footprint`: name of its footprint with the library, such as
+    ``resgrid:R_0603``; `reference_at`, `value_at`: places of the texts, None if hidden; `simulation`: fields of the
+    simulation model by name, None if the simulation leaves the symbol out.
     """
 
     symbol: Symbol
@@ -58,10 +58,10 @@ class PlacedSymbol:
 class Sheet:
     """A sheet of the schematic, extended while it is drawn; places are (x, y) in millimetres, y downwards.
 
-    `name`: its title, empty for the root; `paper`: name of its size; `symbols`: symbols; `wires`: ends of each
-    wire; `junctions`: places at which wires are joined; `labels`: net, place and rotation in degrees; `notes`:
-    text, place and height of letters; `areas`: two opposite corners and red, green, blue from 0 to 255; `children`:
-    further sheets, with place and size of their symbols.
+    `name`: its title, empty for the root; `paper`: name of its size; `symbols`: symbols; `wires`: ends of each wire;
+    `junctions`: places at which wires are joined; `labels`: net, place and rotation in degrees; `notes`: text, place
+    and height of letters; `areas`: two opposite corners and red, green, blue from 0 to 255; `children`: further sheets,
+    with place and size of their symbols.
     """
 
     name: str
@@ -202,8 +202,7 @@ def _label(number: int, label: tuple[str, Point, int], sheet: str) -> Node:
 def _note(number: int, note: tuple[str, Point, float], sheet: str) -> Node:
     """Return the S-expression of a text on a sheet.
 
-    `note`: text, place and height of letters; `number`, `sheet`: index and sheet, from which the identifier is
-    derived.
+    `note`: text, place and height of letters; `number`, `sheet`: index and sheet, from which the identifier is derived.
     """
     text, place, size = note
     return [
@@ -228,8 +227,7 @@ def _area(number: int, area: tuple[Point, Point, tuple[int, int, int]], sheet: s
 def _child(child: Sheet, at: Point, size: Point, path: str, page: int) -> Node:
     """Return the S-expression of the symbol of a further sheet on the root.
 
-    `at`: upper left corner in mm; `size`: width and height in mm; `path`: path of the root; `page`: page of the
-    sheet.
+    `at`: upper left corner in mm; `size`: width and height in mm; `path`: path of the root; `page`: page of the sheet.
     """
     return [
         "sheet", ["at", *at], ["size", *size], ["exclude_from_sim", NO], ["in_bom", YES], ["on_board", YES],

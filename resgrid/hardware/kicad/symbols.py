@@ -18,9 +18,8 @@ Line = tuple[tuple[float, float], ...]
 class Pin:
     """A pin of a symbol.
 
-    `number`: text such as "1"; `x`, `y`: its outer end in millimetres, y upwards; `turn`: direction from this end
-    to the symbol in degrees, counterclockwise from the right; `length`: in millimetres; `kind`: KiCad's electrical
-    type.
+    `number`: text such as "1"; `x`, `y`: its outer end in millimetres, y upwards; `turn`: direction from this end to
+    the symbol in degrees, counterclockwise from the right; `length`: in millimetres; `kind`: KiCad's electrical type.
     """
 
     number: str
@@ -35,10 +34,9 @@ class Pin:
 class Symbol:
     """A symbol in the library of a board's folder; lengths are in millimetres, y upwards.
 
-    `name`: its name; `prefix`: beginning of references, such as R; `pins`: its pins; `lines`: corners of drawn
-    lines; `circles`: centre x, y and radius; `power`: whether it gives a net its name; `simulated`: whether it is
-    part of the SPICE netlist; `on_board`: whether it has a footprint; `in_bom`: whether the bill of materials lists
-    it.
+    `name`: its name; `prefix`: beginning of references, such as R; `pins`: its pins; `lines`: corners of drawn lines;
+    `circles`: centre x, y and radius; `power`: whether it gives a net its name; `simulated`: whether it is part of the
+    SPICE netlist; `on_board`: whether it has a footprint; `in_bom`: whether the bill of materials lists it.
     """
 
     name: str
@@ -154,8 +152,8 @@ def symbol_tree(symbol: Symbol, name: str) -> Node:
 def effects(size: float = 1.27, *, hidden: bool = False, align: str = "") -> Node:
     """Return the S-expression of a font.
 
-    `size`: height of letters in millimetres; `hidden`: whether the text is not shown; `align`: side of the text at
-    its anchor: "left", "right", or "" for the centre.
+    `size`: height of letters in millimetres; `hidden`: whether the text is not shown; `align`: side of the text at its
+    anchor: "left", "right", or "" for the centre.
     """
     return [
         "effects", ["font", ["size", size, size]], *([["justify", Word(align)]] if align else []),
