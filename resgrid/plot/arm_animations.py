@@ -22,10 +22,10 @@ _SIDE = 900
 """Number of pixels along the longer side of a frame's image before it is reduced to half this size."""
 
 _ENVELOPE = 24
-"""Number of poses along the trajectory that the frames must contain."""
+"""Approximate number of poses along the trajectory that determine the limits of the picture."""
 
 _DENSE = 400
-"""Number of positions of the tool along the trajectory."""
+"""Number of evenly spaced times at which the path of the tool is computed."""
 
 _GHOST = 0.25
 """Opacity of the robot at the start and at the end."""

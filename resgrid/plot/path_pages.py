@@ -69,7 +69,11 @@ def draw_line(
     axis: int | None = None,
     indices: Sequence[int] | None = None,
 ) -> Axes | Figure:
-    """Draw a polyline; the options and the result are those of `draw_path`."""
+    """Draw a polyline; return the axes, or the figure of a space with more than two axes.
+
+    `ax`: axes to draw on, by default those of a new figure; `axis`, `indices`: normal axis and cell indices of the
+    slices of a space with three or four axes.
+    """
     if ax is None and axis is None and indices is None and is_voxel_world(path.space):
         return draw_voxel_page([path])
     return plane_paths.draw_line(path, ax, axis=axis, indices=indices)
@@ -113,9 +117,9 @@ def draw_voxel_page(
 
 
 def _styles_of(k: Sequence[float | None]) -> list[dict[str, Any]]:
-    """Return the legend entry and matplotlib's options for each path in the picture of the surface.
+    """Return the legend entry ``label`` and matplotlib's line options for each path in the picture of the surface.
 
-    `k`: weight k of the Dirichlet field of each path, None for paths of one field.
+    `k`: weight k of the Dirichlet field of each path; entries None for paths of one field.
     """
     blends = sorted(set(k), key=lambda blend: blend or 0.0)
     styles = dict(zip(blends, blend_styles(blends), strict=True))
@@ -123,7 +127,11 @@ def _styles_of(k: Sequence[float | None]) -> list[dict[str, Any]]:
 
 
 def _cuts_through(paths: Sequence[AnyPath], space: ConfigurationSpace) -> list[Cut]:
-    """Return horizontal slices at heights of paths: start and end of the first one, its extreme and median heights."""
+    """Return horizontal slices at heights of paths.
+
+    They are at the start and the end of the first path, and at the lowest, highest and median height of the paths, at
+    most `_SLICES` of them.
+    """
     path, axis = paths[0], space.axes[2]
     line = subdivided(points_of(path, space), PIECES)
     heights = np.clip(np.floor((line[:, 2] - axis.lower) / axis.spacing).astype(int), 0, axis.cells - 1)

@@ -16,7 +16,7 @@ from resgrid.plot.style import height_map
 
 Scale = Literal["auto", "linear", "log"]
 _DECADES_WORTH_A_LOG = 2.0
-"""Range of the drop, in decades, above which the scale "auto" is logarithmic."""
+"""Orders of magnitude between smallest and largest drop above which the scale "auto" is logarithmic."""
 _LINES = 16
 """Approximate number of equipotentials on a logarithmic scale."""
 _TAIL = 0.02
@@ -147,9 +147,9 @@ def nice_step(smallest: float) -> float:
 
 
 def fill_open_walls(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return values in which cells without a value have the mean of their face neighbours.
+    """Return values in which cells without a value have the mean of their face neighbours with a value.
 
-    Equipotentials then meet open obstacles at right angles.  `values` (n, m): NaN in cells without a value; the result
+    Equipotentials then meet open obstacles at right angles. `values` (n, m): NaN in cells without a value; the result
     has the same shape.
     """
     padded = np.pad(values, 1, constant_values=np.nan)

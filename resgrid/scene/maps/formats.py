@@ -61,7 +61,7 @@ class MapFormat:
 
     @property
     def is_placed(self) -> bool:
-        """Whether the reader returns a map with axes, and not only the cell codes."""
+        """Whether the reader returns a map with axes; otherwise it returns only the cell codes."""
         return get_type_hints(self.read).get("return") is MapCells
 
 
@@ -83,7 +83,7 @@ _HEADER_BYTES = 1 << 16
 
 _MAGIC = max(len(magic) for entry in FORMATS.values() for magic in entry.magic)
 COMMON = ("file", "format", "periodic", "headings")
-"""Keys of a ``[map]`` table that are not options of a reader."""
+"""Keys of a ``[map]`` table that apply to all formats, and are not options of a reader."""
 
 
 def map_options() -> dict[str, Any]:

@@ -31,10 +31,10 @@ if TYPE_CHECKING:
     from PIL.Image import Image
 
 BYTES_PER_PIXEL = 24
-"""Estimated memory for the conversion of a picture to cells, in bytes per pixel."""
+"""Estimated memory for decoding a picture and converting it to cells, in bytes per pixel."""
 
 DECODED_BYTES = 5
-"""Estimated memory of a decoded picture of which only parts are converted to cells, in bytes per pixel."""
+"""Estimated memory for decoding a picture of which only parts become cells, in bytes per pixel."""
 
 THRESHOLD = 128
 """Default of the smallest grey value (0 to 255) of a free pixel."""
@@ -148,10 +148,10 @@ def read_raster(path: Path, bytes_per_pixel: int = BYTES_PER_PIXEL) -> Raster:
 
 
 def open_picture(path: Path) -> Raster | DecodedPicture:
-    """Return a picture file, decoded at most once, of which `part` returns windows as rasters.
+    """Return a picture file, decoded at most once, whose method `part` returns windows as rasters.
 
-    The memory is that of the file and, for compressed files, of the decoded pixels.  BudgetError is raised if these
-    would not fit; the caller checks the memory of the windows.
+    The memory is that of the file and, for compressed files, of the decoded pixels. Raises BudgetError if these would
+    not fit; the memory of the windows is not checked here.
     """
     data = _bytes_of(path)
     if data[:2] in MAGICS:
@@ -223,9 +223,9 @@ def _read_with_pillow(
 
 @contextmanager
 def _any_size() -> Iterator[None]:
-    """Disable Pillow's limit of the number of pixels inside the context.
+    """Disable Pillow's limit of the number of pixels in the block.
 
-    The caller checks the size of the picture against the available memory before decoding.
+    The size of the picture must be checked against the available memory before decoding.
     """
     from PIL import Image
 
