@@ -18,10 +18,10 @@ if TYPE_CHECKING:
     from resgrid.planning.streamline import AnyPath
 
 CHECK_STEP = 0.002
-"""Largest motion of any point of the robot between two collision tests, in metres."""
+"""Largest motion of any point of the robot between two configurations that are tested for collisions, in metres."""
 
 CLEARANCE_STEP = 0.01
-"""Largest motion of any point of the robot between two distance computations, in metres."""
+"""Largest motion of any point of the robot between two configurations whose clearance is computed, in metres."""
 
 
 def verdict_data(job: Job) -> dict[str, Any]:
@@ -61,9 +61,10 @@ def verdict_lines(data: Mapping[str, Any]) -> Iterator[str]:
 
 
 def check_route(job: Job, route: Route) -> Route:
-    """Return a route with the clearance of an arm in metres, and, for robots in space, with its first collision.
+    """Return a route with the clearance of an arm in metres, and for robots in space with its first collision.
 
-    Other robots, whose clearance in configuration space is a length already, and failed routes are returned unchanged.
+    Routes that reach no goal are returned unchanged, and so are routes of other robots, whose clearance in
+    configuration space is already a length.
     """
     scene = job.scene
     if scene.robot.base is None or not route.reached:
@@ -89,9 +90,9 @@ def check_routes(job: Job, routes: list[Route]) -> list[Route]:
 
 
 def timed_by_robot(job: Job, routes: list[Route]) -> list[Route]:
-    """Return shortened routes with times within the limits of the scene's robot.
+    """Return shortened routes with times within the velocity limits of the scene's robot.
 
-    Routes without a goal, and all routes of a robot without own limits, are returned unchanged.  If a joint that moves
+    Routes that reach no goal, and all routes of a robot without own limits, are returned unchanged. If a moving joint
     has no limit, a message says so, and the routes are shortened only.
     """
     if job.scene.robot.velocity_limits is None:

@@ -215,7 +215,7 @@ _ORDERS = {
     "octomap": "in the coordinates of the file",
     "point_cloud": "voxels that contain a point, in the coordinates of the file",
 }
-"""Orders or coordinates of the cells of other formats."""
+"""Order or coordinates of the cells of other formats than pictures, by name of the format."""
 
 
 def _map_lines(data: dict[str, Any]) -> Iterable[str]:

@@ -32,7 +32,10 @@ _TOLERANCE = 1e-6
 
 
 class WarmFields:
-    """Solver of previews of ideal circuits; the iterations start from the fields of the previous call."""
+    """Solver of previews of chips without imperfections.
+
+    Its iterations start from the fields of the previous call.
+    """
 
     def __init__(self) -> None:
         self._starts: dict[str, WarmStart] = {}

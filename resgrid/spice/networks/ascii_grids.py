@@ -32,11 +32,11 @@ _LIST = re.compile(r"\s*([-+.\deE]+[ \t,]+){2}[-+.\deE]+[ \t]*\n")
 
 @dataclass(frozen=True, eq=False)
 class Raster:
-    """Cells of a raster with their place.
+    """Values of the cells of a raster, with its place.
 
-    `cells` (rows, columns): values, top row first, NaN for an empty cell; `corner`: coordinates of the lower left
-    corner; `size`: width of a cell; `profile`: georeference of a GeoTIFF as keywords of `rasterio.open`, None for an
-    ASCII grid.
+    `cells` (rows, columns): values, top row first, NaN for an empty cell; `corner`: map coordinates (x, y) of the lower
+    left corner; `size`: width of a cell in these coordinates; `profile`: georeference of a GeoTIFF as keywords of
+    `rasterio.open`, None for an ASCII grid.
     """
 
     cells: NDArray[np.float64]

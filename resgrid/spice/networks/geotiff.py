@@ -20,7 +20,7 @@ def is_geotiff(path: Path) -> bool:
 
 
 def _rasterio() -> Any:
-    """Return the module rasterio; raise ToolMissingError without it."""
+    """Return the module rasterio; raise ToolMissingError if it is not installed."""
     try:
         import rasterio
     except ImportError as error:
