@@ -34,14 +34,14 @@ class PlanEnergy(Result):
     Attributes
     ----------
     bits : int
-        Resolution of the converter.
+        Resolution of the converter, in bits.
     conversions : int
         Number of conversions: for each cell of the path but the goal, one for the cell and one for each of its free or
         goal neighbours.  The mean over all starts, rounded up, if the scene has no start.
     conversion_energy : float or None
-        Energy of one conversion in joules; None without a figure of merit.
+        Energy of one conversion in joules; None without a figure of merit of the converter.
     settling_energy, settle_time : float
-        Energy in joules that the sources deliver until the grid has settled, and this time in seconds.
+        Energy in joules that the sources deliver until the grid has settled, and settling time in seconds.
     power : float
         Power of the settled grid, in watts.
     conversion_time : float or None
@@ -150,7 +150,7 @@ def readings_from(resolution: ADCResolution, cells: CellMap) -> NDArray[np.float
 def energy_sentences(result: PlanEnergy, readout: Readout, shape: Sequence[int]) -> list[str]:
     """Return sentences on the energy of a plan, compared with a published digital processor.
 
-    `result`: energy of the plan; `readout`: description of the read-out; `shape`: number of cells along each axis.
+    `result`: energy of the plan; `readout`: description of the converter; `shape`: number of cells along each axis.
     """
     parts = (
         f"{formatted(result.settling_energy, 'J')} until the grid has settled, {formatted(result.supply_energy, 'J')} "

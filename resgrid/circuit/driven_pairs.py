@@ -83,7 +83,7 @@ def pair_currents(
 
     The circuit is solved with 1 V between the terminals, and the result is scaled to the current.  Two known voltages
     drive the circuit, so that voltages and currents have the componentwise accuracy of `resgrid.solve`.  Independent
-    sources are set to zero, as for `resgrid.effective_resistance`.
+    sources are set to zero: a voltage source is a wire, a current source is open.
 
     Parameters
     ----------

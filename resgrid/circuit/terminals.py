@@ -34,7 +34,7 @@ class TerminalReader:
 
     @cached_property
     def _number_of(self) -> dict[str, int]:
-        """Node number of every node name."""
+        """Number of every node by its name."""
         names = self.netlist.names_of(np.arange(self.netlist.node_count))
         return {name: node for node, name in enumerate(names)}
 

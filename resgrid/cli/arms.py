@@ -45,7 +45,10 @@ def verdict_data(job: Job) -> dict[str, Any]:
 
 
 def verdict_lines(data: Mapping[str, Any]) -> Iterator[str]:
-    """Yield lines of text on the verdicts of cells; `data`: dictionary that contains the result of `verdict_data`."""
+    """Yield lines of text on the numbers of free, colliding and undecided cells.
+
+    `data`: dictionary that contains the result of `verdict_data`.
+    """
     verdicts = data.get("verdicts")
     if verdicts is None:
         return
@@ -112,7 +115,7 @@ def timed_by_robot(job: Job, routes: list[Route]) -> list[Route]:
 
 
 def write_trajectories(folder: Path, routes: list[Route]) -> dict[str, str]:
-    """Write every timed route to files of its own; return the descriptions of the files by name."""
+    """Write every route with times to files of its own; return descriptions of the files by name."""
     from resgrid.planning.time_parameterization import Trajectory
 
     files = {}
@@ -131,5 +134,5 @@ def write_trajectories(folder: Path, routes: list[Route]) -> dict[str, str]:
 
 
 def collides(routes: list[Route]) -> bool:
-    """Return whether a tested path collides."""
+    """Return whether any path that was tested for collisions collides."""
     return any(route.collision is not None for route in routes)

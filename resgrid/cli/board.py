@@ -77,7 +77,7 @@ def command(
 
 
 def _tolerance(text: str) -> float:
-    """Return the tolerance of an option as a fraction; raise InputError unless it is between 0 and 50 %."""
+    """Return the tolerance in the text of an option as a fraction; raise InputError unless it is between 0 and 50 %."""
     from resgrid.scene.quantities import parse_fraction
 
     try:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from resgrid.hardware.board import Board
 
 SPARE = 0.05
-"""Fraction of resistors to order in addition, since some are lost while soldering."""
+"""Fraction of the number of resistors to order in addition, since some are lost while soldering."""
 
 
 def bill_rows(board: Board) -> list[tuple[str, int, str, str, str, str]]:
@@ -62,13 +62,17 @@ def reference_ranges(references: Iterable[str]) -> str:
 
 
 def format_bill(board: Board) -> str:
-    """Return the bill of materials as CSV."""
+    """Return the bill of materials as CSV text, with the columns of `bill_rows`."""
     names = ("references", "quantity", "value", "package", "tolerance", "description")
     return _csv(names, bill_rows(board))
 
 
 def format_voltages(board: Board) -> str:
-    """Return the expected voltage of every test pad as CSV, with the pad's cell, its place and its header pin."""
+    """Return the expected voltage of every test pad as CSV text.
+
+    A line also contains the cell of the pad (column, row, coordinates, kind), its net, and its pin of a converter
+    header.
+    """
     circuit, space = board.circuit, board.circuit.space
     pins = {
         placed.nets[pin]: f"{placed.reference}.{pin + 1}"

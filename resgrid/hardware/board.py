@@ -35,13 +35,13 @@ FILE = "grid.kicad_pcb"
 """Name of the file of the board in the folder of the KiCad project."""
 
 REVISION = "A"
-"""Revision of the board, as printed on it."""
+"""Revision letter that is printed on the board and stated in its files."""
 
 BITS = 10
 """Resolution, in bits, of the converter for which the yield is predicted unless the scene describes one."""
 
 _RESOLUTIONS = (12, 16)
-"""Further resolutions, in bits, for which the yield is predicted."""
+"""Resolutions of the converter, in bits, for which the yield is predicted in addition to that of the scene."""
 
 _TRIALS, _MANY_CELLS = 128, 400
 """Number of simulated boards for `Board.predicted_yields`; above `_MANY_CELLS` cells, a third of this number."""
@@ -116,22 +116,22 @@ class Board:
 
     @property
     def voltages(self) -> dict[str, float]:
-        """Expected voltage of every net against ground, in volts."""
+        """Expected voltage of every net against ground, in volts, by the name of the net."""
         return self.circuit.voltages
 
     @property
     def supply_current(self) -> float:
-        """Current from the supply, in amperes."""
+        """Current that the supply delivers, in amperes."""
         return self.circuit.supply_current
 
     @property
     def power(self) -> float:
-        """Power from the supply, in watts."""
+        """Power that the supply delivers, in watts."""
         return self.circuit.power
 
     @property
     def largest_deviation(self) -> float:
-        """Largest deviation of a resistor of the E96 series from its exact value, as a fraction."""
+        """Largest deviation of a resistance of the E96 series from its exact value, as a fraction of the latter."""
         return self.circuit.largest_deviation
 
     @property
@@ -221,7 +221,7 @@ class Board:
 
     @property
     def subtitle(self) -> str:
-        """Second line of the board's title: size, boundary, resistors and revision."""
+        """Second line of the board's title: number of cells, boundary condition, resistances and revision."""
         wiring = self.circuit.wiring
         values = sorted({part.ohms for part in self.circuit.resistors})
         span = resistance_text(values[0])
@@ -232,7 +232,7 @@ class Board:
 
     @property
     def legend(self) -> tuple[str, ...]:
-        """Lines of the legend of voltages, printed on the board."""
+        """Lines of text, printed on the board, that explain its voltages."""
         volts = f"{self.circuit.wiring.supply:+g} V"
         walk = "path: always to the neighbour with the lowest voltage"
         if self.kind == "jumpers":
@@ -322,6 +322,6 @@ def build_board(
 
 
 def _printable(title: str) -> str:
-    """Return a title on one line, without control characters and marks of KiCad's variables and expressions."""
+    """Return a title on one line, without control characters and without marks that KiCad would expand as variables."""
     words = "".join(letter if letter.isprintable() else " " for letter in title).split()
     return re.sub(r"[$@](?=\{)|%(?=\w)", "", " ".join(words))

@@ -24,7 +24,7 @@ from resgrid.hardware.tools import TIMEOUT, find_kicad
 from resgrid.scene.quantities import parse_quantity
 
 TOLERANCE = 1e-9
-"""Default limit of the error of a voltage relative to the supply."""
+"""Default limit of the error of a net's voltage, as a fraction of the supply."""
 
 
 @dataclass

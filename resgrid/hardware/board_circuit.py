@@ -34,7 +34,7 @@ MOST_HEAT = 0.1
 """Rated power of a resistor of size 0603, in watts; boards with a resistor of a higher power are rejected."""
 
 OBSTACLE_NET, GOAL_NET = "obstacle", "goal"
-"""Names of the nets of the obstacle rail, and of the goal rail of a board with jumpers."""
+"""Names of the net of the obstacle rail, and of the net of the goal rail on a board with jumpers."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ class BoardCircuit:
 
     @property
     def netlist(self) -> Netlist:
-        """The circuit with values of the E96 series."""
+        """The circuit with resistances of the E96 series."""
         return self.op.netlist
 
     @cached_property
@@ -90,12 +90,12 @@ class BoardCircuit:
 
     @property
     def space(self) -> ConfigurationSpace:
-        """The space of the board."""
+        """The configuration space whose circuit the board realises."""
         return self.netlist.cells.space
 
     @property
     def wiring(self) -> Wiring:
-        """Boundary conditions, supply and nominal resistance."""
+        """Boundary conditions, supply and nominal resistance of the circuit."""
         return self.netlist.cells.wiring
 
     @cached_property
@@ -119,7 +119,7 @@ class BoardCircuit:
 
     @cached_property
     def resistors(self) -> tuple[GridResistor, ...]:
-        """Resistors in reading order: row by row from the top, each row from the left."""
+        """All resistors, row by row from the top of the grid, each row from the left."""
         cells = self.netlist.cells
         axes, index = crossed_faces(cells.resistor_face, self.space.shape)
         nodes = np.where(
@@ -142,12 +142,12 @@ class BoardCircuit:
 
     @cached_property
     def ohms(self) -> NDArray[np.float64]:
-        """Resistances (resistors,), in ohms, in the order of the netlist."""
+        """Resistance of every resistor from the E96 series, in ohms, (resistors,), in the order of `netlist`."""
         return nearest_e96(1.0 / self.ideal.conductance)
 
     @property
     def largest_deviation(self) -> float:
-        """Largest deviation of a resistance from its exact value, as a fraction of this value."""
+        """Largest deviation of a resistance of the E96 series from its exact value, as a fraction of the latter."""
         return float(np.abs(self.ohms * self.ideal.conductance - 1.0).max(initial=0.0))
 
     @cached_property
@@ -201,7 +201,8 @@ class BoardCircuit:
 def board_circuit(space: ConfigurationSpace, kind: Kind, wiring: Wiring) -> BoardCircuit:
     """Return the circuit of a board; raise InputError for spaces and wirings that a board cannot realise.
 
-    `space`: the space; `kind`: "fixed" or "jumpers"; `wiring`: boundary conditions, resistance and supply.
+    `kind`: "fixed" for one scene, "jumpers" for every scene of this size; `wiring`: boundary conditions, resistance and
+    supply. Raises CircuitError if no current flows.
     """
     for problem in _problems(space, kind, wiring):
         raise InputError(problem)
@@ -259,7 +260,10 @@ def _problems(space: ConfigurationSpace, kind: Kind, wiring: Wiring) -> Iterator
 
 
 def _problems_of_jumpers(space: ConfigurationSpace, wiring: Wiring) -> Iterator[str]:
-    """Yield a message for every property that a board with jumpers, which has all resistors, cannot realise."""
+    """Yield a message for every property of a space or wiring that a board with jumpers cannot realise.
+
+    Such a board has the same resistors for every scene.
+    """
     if wiring.boundary != "dirichlet":
         yield (
             f"boundary = {wiring.boundary!r} changes the resistors around obstacles, but a board with jumpers has the "

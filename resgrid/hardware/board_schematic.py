@@ -17,7 +17,7 @@ from resgrid.hardware.placement import Index, Placement, cell_of
 from resgrid.hardware.record import GROUND
 
 _STEP = 25.4
-"""Distance of cells on a sheet, in millimetres."""
+"""Distance of the centres of neighbouring cells on a sheet, in millimetres."""
 
 _MOST_COLUMNS, _MOST_ROWS = 12, 8
 """Largest numbers of columns and rows of cells on one sheet."""
@@ -221,7 +221,7 @@ def _power(net: str, at: Point, turn: int, reference: str, *, shown: bool) -> Pl
 
 
 def _draw_terminals(root: Sheet, placement: Placement, left: float) -> None:
-    """Draw supply, headers and holes on the root; `left`: place of their left end, in millimetres."""
+    """Draw supply terminal, headers and mounting holes on the root sheet; `left`: their left end, in millimetres."""
     y, numbers = 45.72, iter(range(1, 1000))
     rails = {placement.circuit.high_net, GROUND, *placement.circuit.goal_nets}
     for placed in placement.headers:

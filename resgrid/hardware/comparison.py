@@ -19,10 +19,13 @@ Label = Hashable
 """Name or number of a net in the circuit that is compared with a record."""
 
 SHOWN = 6
-"""Maximum number of pads that a message lists."""
+"""Maximum number of pads or nets that a message lists."""
 
 MAX_VALUE_ERROR = 1e-9
-"""Largest relative difference of equal values, because tools write values with a limited number of digits."""
+"""Largest relative difference of resistances that count as equal.
+
+Outside tools write values with a limited number of digits.
+"""
 
 _TWO_WAYS = ("resistor", "jumper")
 """Types of parts whose two pads are equivalent, so that they may be exchanged."""
@@ -36,8 +39,8 @@ def pads_of(record: HardwareRecord) -> dict[Pad, str]:
 def compare_nets(record: HardwareRecord, found: Mapping[Pad, Label | None]) -> list[str]:
     """Return a message for every difference between the nets of a record and the nets of another circuit.
 
-    `found`: net of every pad in the other circuit, None for a pad without a connection.  Absent parts and pads, and
-    parts and pads that the record lacks, are differences too.  A resistor or jumper may be turned around.
+    `found`: net of every pad in the other circuit, None for a pad without a connection. Parts and pads that only one of
+    both circuits contains are differences too. The two pads of a resistor or jumper may be exchanged.
     """
     expected = pads_of(record)
     owner = match_nets(expected, found)
@@ -107,10 +110,10 @@ def _turned_parts(
 
 
 def _differences(net: str, groups: Mapping[Label, Sequence[Pad]], owner: Mapping[Label, str]) -> Iterator[str]:
-    """Yield a message for every difference of one expected net.
+    """Yield a message for every difference of one net of a record.
 
-    `net`: its name; `groups`: its pads by their net in the other circuit; `owner`: expected net by net in the other
-    circuit.
+    `net`: name of the net; `groups`: its pads, grouped by their net in the other circuit; `owner`: net of the record
+    that corresponds to each net of the other circuit.
     """
     strangers = {label: pads for label, pads in groups.items() if owner.get(label, net) != net}
     own = [pads for label, pads in groups.items() if label not in strangers]
@@ -142,7 +145,7 @@ def _absent(record: HardwareRecord, found: Mapping[Pad, Label | None]) -> Iterat
 
 
 def _between(part: Part) -> str:
-    """Return text about the nets of a part, such as `` between n_1_2 and n_2_2``; empty for more than two nets."""
+    """Return text about the nets of a part, such as "between n_1_2 and n_2_2"; empty for more than two nets."""
     nets = list(dict.fromkeys(part.nets))
     return f" on {nets[0]}" if len(nets) == 1 else f" between {nets[0]} and {nets[1]}" if len(nets) == 2 else ""
 
@@ -156,9 +159,10 @@ def _unknown(expected: Mapping[Pad, str], found: Iterable[Pad]) -> Iterator[str]
 
 
 def compare_values(record: HardwareRecord, found: Mapping[str, float | None]) -> list[str]:
-    """Return a message for every resistor whose value differs from the record.
+    """Return a message for every resistor whose resistance differs from the record.
 
-    `found`: resistance in ohms by reference, None for a value that is not a number.  Absent parts give no message.
+    `found`: resistance in ohms by reference, None for text that is not a number. Resistors without an entry give no
+    message.
     """
     messages = []
     for part in record.parts:
@@ -172,11 +176,11 @@ def compare_values(record: HardwareRecord, found: Mapping[str, float | None]) ->
 
 @dataclass(frozen=True)
 class VoltageComparison:
-    """Comparison of node voltages.
+    """Differences between the voltages of a record and those of another circuit.
 
-    `max_abs_error`: largest difference in volts, None if nothing was compared; `max_relative_error`: this difference
-    relative to the supply; `nodes`: number of nets compared; `worst`: net, expected and found voltage of the largest
-    differences; `findings`: messages.
+    `max_abs_error`: largest difference in volts, None if no net was compared; `max_relative_error`: this difference as
+    a fraction of the supply; `nodes`: number of nets compared; `worst`: net, expected and found voltage in volts, for
+    the nets with the largest differences; `findings`: messages about differences above the tolerance.
     """
 
     max_abs_error: float | None = None
@@ -223,7 +227,7 @@ def _name(pad: Pad) -> str:
 
 
 def _list(names: Sequence[Pad] | Sequence[str]) -> str:
-    """Return a list of pads or nets as text, at most `SHOWN` of them."""
+    """Return a list of pads or nets as text: the first `SHOWN` of them, and the number of the others."""
     words = [name if isinstance(name, str) else f"{name[0]}.{name[1]}" for name in names]
     rest = len(words) - SHOWN
     return ", ".join(words[:SHOWN]) + (f" and {rest} more" if rest > 0 else "")

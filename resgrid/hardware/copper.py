@@ -69,8 +69,8 @@ class Copper:
 def connect_copper(layers: Sequence[list[CopperShape]], plated: Sequence[Hole], unplated: Sequence[Hole]) -> Copper:
     """Return the connected copper of a board.
 
-    `layers`: copper of each layer, front first; `plated`: holes whose wall connects all layers; `unplated`: holes that
-    only remove copper.
+    `layers`: copper shapes of each layer, front first; `plated`: holes whose plated walls connect all layers;
+    `unplated`: holes that only remove copper.
     """
     from shapely import STRtree
 
@@ -102,7 +102,7 @@ def _drilled(shapes: list[CopperShape], holes: Sequence[Hole]) -> list[CopperSha
 
 
 def outline(hole: Hole) -> Any:
-    """Return the polygon of a hole or slot in millimetres."""
+    """Return the polygon of a drilled hole or slot, in millimetres."""
     from shapely import LineString, Point
 
     line = Point(hole.start) if hole.start == hole.end else LineString([hole.start, hole.end])
@@ -116,9 +116,9 @@ def _touching(tree: Any) -> NDArray[np.int64]:
 
 
 def _through(trees: Sequence[Any], first: Sequence[int], holes: Sequence[Hole]) -> NDArray[np.int64]:
-    """Return the pairs of shapes that plated holes connect, int, shape (2, pairs).
+    """Return the pairs of shapes that plated holes connect, as indices into all shapes, int, shape (2, pairs).
 
-    `trees`: spatial index of each layer; `first`: number of the first shape of each layer; `holes`: the plated holes.
+    `trees`: spatial index of the shapes of each layer; `first`: index of the first shape of each layer.
     """
     pairs: list[tuple[int, int]] = []
     for hole in holes:

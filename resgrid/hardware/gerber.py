@@ -34,7 +34,10 @@ _FUNCTIONS = {"G01": 1, "G1": 1, "G02": 2, "G2": 2, "G03": 3, "G3": 3}
 
 @dataclass(frozen=True)
 class CopperShape:
-    """A connected piece of copper; `geometry`: polygon in millimetres; `net`: net that the file states, or empty."""
+    """A connected piece of copper.
+
+    `geometry`: polygon of shapely in millimetres; `net`: name of the net that the file states, empty without one.
+    """
 
     geometry: Any
     net: str
@@ -67,14 +70,14 @@ class _State:
 
 
 def read_gerber(path: Path) -> list[CopperShape]:
-    """Return the copper of a Gerber layer; raise InputError for a damaged file or an unsupported command."""
+    """Return the copper shapes of a Gerber layer; raise InputError for a damaged file or an unsupported command."""
     return parse_gerber(read_text(path), str(path))
 
 
 def parse_gerber(text: str, name: str = "<text>") -> list[CopperShape]:
-    """Return the copper of a layer in Gerber format: connected polygons in millimetres, y upwards.
+    """Return the copper shapes of a layer in Gerber format: connected polygons in millimetres, y upwards.
 
-    `text`: content of the file; `name`: name of the file in messages.  Raises InputError for damaged text and for
+    `text`: content of the file; `name`: name of the file in messages. Raises InputError for damaged text and for
     commands that are not supported.
     """
     state = _State(name)
@@ -125,7 +128,7 @@ def _do_extended(state: _State, text: str) -> None:
 
 
 def _unescaped(text: str) -> str:
-    """Return an attribute's value with its escapes of four hexadecimal digits replaced."""
+    """Return the value of a Gerber attribute with escapes of four hexadecimal digits replaced by characters."""
     return re.sub(r"\\u([0-9a-fA-F]{4})", lambda match: chr(int(match[1], 16)), text)
 
 
@@ -177,7 +180,7 @@ def _operate(state: _State, match: re.Match[str]) -> None:
 
 
 def _selected(state: _State) -> Aperture:
-    """Return the selected aperture; raise InputError if the file has selected none."""
+    """Return the selected aperture; raise InputError if no aperture was selected before."""
     if state.current is None:
         raise InputError(f"{state.place}: an object has no aperture; is the file complete?")
     return state.current

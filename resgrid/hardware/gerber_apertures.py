@@ -13,7 +13,7 @@ from typing import Any
 from resgrid.errors import InputError
 
 ARC_STEPS = 16
-"""Number of chords of a quarter circle; the chords of a pad of 2 mm lie within 1.2 micrometres of its edge."""
+"""Number of chords that replace a quarter circle; those of a pad of 2 mm lie within 1.2 micrometres of its edge."""
 
 _DEFINITION = re.compile(r"ADD(\d+)([A-Za-z_.$][\w.$-]*)(?:,(.*))?")
 _OPERATORS: dict[type, Callable[[float, float], float]] = {
@@ -23,22 +23,27 @@ _OPERATORS: dict[type, Callable[[float, float], float]] = {
 
 @dataclass(frozen=True)
 class Aperture:
-    """A plotted shape; `geometry`: polygon around the origin, in mm; `diameter`: of a circle in mm, None for others."""
+    """A shape with which a plotter draws lines or which it flashes.
+
+    `geometry`: polygon of shapely around the origin, in millimetres; `diameter`: diameter of a circle in millimetres,
+    None for other shapes.
+    """
 
     geometry: Any
     diameter: float | None = None
 
     def flash(self, point: tuple[float, float]) -> Any:
-        """Return the polygon of this aperture at a point in millimetres."""
+        """Return the polygon of this aperture, moved to a point; lengths in millimetres."""
         from shapely.affinity import translate
 
         return translate(self.geometry, *point)
 
 
 def parse_macro(text: str, place: str) -> tuple[str, list[list[str]]]:
-    """Return the name of an aperture macro and its primitives, each as a list of expressions.
+    """Return the name of an aperture macro and its primitives, each as a list of arithmetic expressions.
 
-    `text`: the command between percent signs; `place`: name of the file, for messages.
+    `text`: the command between percent signs; `place`: name of the file, for messages. Raises InputError for a macro
+    that defines a variable.
     """
     blocks = [block.replace("\n", "").replace("\r", "").strip() for block in text.split("*")]
     primitives = []
@@ -159,7 +164,7 @@ def _evaluate(expression: str, values: list[float]) -> float:
 
 
 def _value(node: ast.expr) -> float:
-    """Return the value of a parsed arithmetic expression; raise ValueError for anything else."""
+    """Return the value of a parsed arithmetic expression; raise ValueError for other expressions."""
     if isinstance(node, ast.Constant) and isinstance(node.value, int | float):
         return float(node.value)
     if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub | ast.UAdd):

@@ -28,12 +28,12 @@ _TABLES = ("fp-lib-table", "sym-lib-table")
 _DRC, _ERC, _TEST, _PLACES, _SPICE = "drc.json", "erc.json", "board.d356", "places.csv", "board.cir"
 _ORIGIN = re.compile(r"\(aux_axis_origin\s+(\S+)\s+([^\s)]+)\s*\)")
 _RUNS = 2
-"""Number of kicad-cli processes at the same time; each needs about 200 MB."""
+"""Number of kicad-cli processes that run at the same time; each needs about 200 MB of memory."""
 
 
 @dataclass(frozen=True)
 class RuleReport:
-    """Result of a rule check; `errors`: one message per violation; `warnings`: number of warnings by type."""
+    """Result of rule checks; `errors`: one message per violation; `warnings`: number of warnings by KiCad's type."""
 
     errors: tuple[str, ...] = ()
     warnings: Mapping[str, int] = field(default_factory=dict)
@@ -58,10 +58,10 @@ class BoardReports:
 
 
 def report_board(kicad: KicadCli, board: Path, folder: Path, timeout: float) -> BoardReports:
-    """Run kicad-cli on a copy of a board, and return its reports; raise InputError if kicad-cli cannot read the board.
+    """Run kicad-cli on a copy of a board, and return its reports.
 
-    `board`: the file ``.kicad_pcb``; `folder`: empty temporary folder; `timeout`: longest run of kicad-cli, in
-    seconds.
+    `board`: the file ``.kicad_pcb``; `folder`: empty temporary folder; `timeout`: longest run of kicad-cli, in seconds.
+    Raises InputError if kicad-cli cannot read the board.
     """
     copy = _copy_project(board, folder)
     schematic = copy.with_suffix(".kicad_sch")
@@ -154,7 +154,10 @@ def _on_board(points: Iterable[TestPoint], board: str) -> tuple[TestPoint, ...]:
 
 
 def _layers(gerbers: Path) -> dict[int, list[CopperShape]]:
-    """Return the copper of each layer by its number, from 1 for the front; `gerbers`: folder of Gerber files."""
+    """Return the copper shapes of each layer, by the number of the layer, 1 for the front.
+
+    `gerbers`: folder of Gerber files.
+    """
     layers = {}
     for file in sorted(gerbers.iterdir()):
         if file.suffix.startswith((".g", ".G")) and (number := copper_layer(read_text(file))):
@@ -165,12 +168,15 @@ def _layers(gerbers: Path) -> dict[int, list[CopperShape]]:
 
 
 def _holes(gerbers: Path, kind: str) -> list[Hole]:
-    """Return the holes of a kind, "PTH" (plated) or "NPTH"; `gerbers`: folder of drill files."""
+    """Return the holes of a board.
+
+    `gerbers`: folder of drill files; `kind`: "PTH" for plated holes, "NPTH" for others.
+    """
     return [hole for file in sorted(gerbers.glob(f"*-{kind}.drl")) for hole in read_excellon(file)]
 
 
 def _values(text: str) -> dict[str, str]:
-    """Return the text of each part's value by reference; `text`: file of placements in CSV."""
+    """Return the value text of each part, such as ``10k``, by reference; `text`: CSV file of placements."""
     return {row["Ref"]: row["Val"] for row in csv.DictReader(io.StringIO(text))}
 
 

@@ -17,7 +17,10 @@ PLACES = 20
 
 
 def main(file: str, job_file: str) -> None:
-    """Extract a layout and print the result; `file`: the layout; `job_file`: layers, connections and rules."""
+    """Extract the circuit of a layout, check its design rules, and print the result as JSON.
+
+    `file`: the layout; `job_file`: JSON file with layers, connections and rules.
+    """
     kdb = importlib.import_module("klayout.db")
     with open(job_file, encoding="utf-8") as stream:  # noqa: PTH123 - the script needs no other import
         job = json.load(stream)
@@ -92,9 +95,10 @@ def body_and_ends(regions: Any, job: Any) -> tuple[Any, Any]:
 
 
 def resistor(extraction: Any, device: Any) -> list[Any]:
-    """Return place, area, width, corners and both nets of an extracted resistor; the net of the left end comes first.
+    """Return x, y, area, width, number of corners, and numbers of both nets of an extracted resistor.
 
-    The place is the left lower corner of the body.  Lengths are in database units, areas in their squares.
+    (x, y) is the lower left corner of the body. The net of the left end comes first; a net is None without a
+    connection. Lengths are in database units, areas in their squares.
     """
     unit = extraction.internal_layout().dbu
     place = device.trans.disp
@@ -115,7 +119,7 @@ def resistor_extractor(kdb: Any) -> Any:
     """
 
     class SerpentineExtractor(kdb.GenericDeviceExtractor):  # type: ignore[misc]
-        """Extractor of serpentine resistors."""
+        """Extractor of resistors with a body between two ends, which klayout calls for each cell."""
 
         def setup(self) -> None:
             self.name = "resistor"

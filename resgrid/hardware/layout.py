@@ -36,7 +36,7 @@ MARGIN = 5000
 """Distance of the outline from the rails, the array and the pads, in nanometres."""
 
 DROP_FRACTION = 0.01
-"""Fraction of the supply above which the drop along a rail gives a warning."""
+"""Voltage drop along a rail, as a fraction of the supply, above which a layout gets a warning."""
 
 
 @frozen
@@ -96,7 +96,7 @@ class Layout:
 
     @property
     def size(self) -> tuple[float, float]:
-        """Width and height of the outline, in metres."""
+        """Width and height of the outline of the whole layout, in metres."""
         x0, y0, x1, y1 = self.outline
         return (x1 - x0) * 1e-9, (y1 - y0) * 1e-9
 
@@ -107,7 +107,7 @@ class Layout:
 
     @property
     def pitch(self) -> tuple[float, float]:
-        """Distances between cells along x and y, in metres."""
+        """Distances between the centres of neighbouring cells along x and y, in metres."""
         return self.tile.px * 1e-9, self.tile.py * 1e-9
 
     @cached_property
@@ -126,9 +126,10 @@ class Layout:
         Returns
         -------
         dict
-            ``process``, ``cells``, ``resistors``, ``pitch``, ``array_size``, ``size``, ``area``, ``array_area``,
-            ``resistor`` (width, smallest and largest length, rows and resistance), ``rails`` (widths of trunks, stripes
-            and sides, currents and drops in amperes and volts by net), ``pads`` (net and centre), ``warnings``.
+            ``process``, ``cells``, ``resistors``, ``values`` (number of different resistances), ``pitch``,
+            ``array_size``, ``size``, ``area``, ``array_area``, ``resistor`` (width, smallest and largest length, rows
+            and resistance, largest relative error by rounding), ``rails`` (widths, and currents and drops in amperes
+            and volts by net), ``pads`` (net and centre), ``warnings``.
         """
         shape = self.op.netlist.cells.space.shape
         array_size = [shape[0] * self.tile.px * 1e-9, shape[1] * self.tile.py * 1e-9]
@@ -234,7 +235,7 @@ def build_layout(
 
 
 def _drawable_wiring(space: ConfigurationSpace, wiring: Wiring) -> Wiring:
-    """Return the wiring with merged rails; raise InputError if the array cannot be drawn."""
+    """Return the wiring with merged rails; raise InputError if the space or the wiring cannot be drawn as a layout."""
     if space.ndim != 2:
         raise InputError(f"a layout needs a space of two axes, and this space has {space.ndim}; choose another scene")
     for axis in space.axes:
@@ -335,7 +336,7 @@ def _warnings(rails: RailPlan, op: OperatingPoint, drops: dict[str, float]) -> l
 
 
 def circuit_hash(netlist: Netlist) -> str:
-    """Return a hash of the cells, the nodes and the conductances of a netlist, which identifies its circuit."""
+    """Return the SHA-256 of the cells, nodes and conductances of a netlist, in hexadecimal digits."""
     digest = sha256(netlist.cells.space.cell.tobytes())
     digest.update(repr(netlist.cells.space.shape).encode())
     digest.update(netlist.resistor_nodes.tobytes())

@@ -18,7 +18,7 @@ from resgrid.hardware.layout_rules import Layer, LayoutRules
 from resgrid.hardware.tools import TIMEOUT, KlayoutPython
 
 SCRIPT = Path(__file__).with_name("klayout_extraction.py")
-"""Script that runs in the outside Python."""
+"""Script that runs in the Python interpreter with klayout."""
 
 _TILE = re.compile(r"tile (\d+) (\d+) (\d+) nm")
 """Pattern of the label that states the measures of tiles, in nanometres.
@@ -57,8 +57,8 @@ def extract_layout(
 ) -> Extraction:
     """Return the circuit that klayout extracts from the shapes of a layout, and the violated design rules.
 
-    `tool`: Python with klayout; `file`: GDSII or OASIS file; `rules`: design rules of its process; `check_rules`:
-    whether the rules are checked; `timeout`: longest run of klayout, in seconds.
+    `tool`: Python interpreter with klayout; `file`: GDSII or OASIS file; `rules`: design rules of its process;
+    `check_rules`: whether the design rules are checked; `timeout`: longest run of klayout, in seconds.
     """
     with temporary_folder() as folder:
         job = folder / "job.json"

@@ -24,7 +24,7 @@ SUFFIXES = (".gds", ".oas")
 """Suffixes of layout files: GDSII and OASIS."""
 
 DATE = datetime(2000, 1, 1)
-"""Time that a GDSII file states for every cell, so that the same layout gives the same bytes."""
+"""Time stamp of every cell of a GDSII file, so that the same layout gives the same bytes."""
 
 COMPRESSION = 9
 """Compression level of an OASIS file."""
@@ -93,7 +93,7 @@ def load_gdstk() -> ModuleType:
 
 
 def _library(gdstk: Any, layout: Layout) -> Any:
-    """Return the gdstk library of a layout, in micrometres with a precision of a nanometre."""
+    """Return the gdstk library of a layout, with micrometres as unit and nanometres as precision."""
     library = gdstk.Library(TOP, unit=1e-6, precision=1e-9)
     made: dict[str, Any] = {}
     for cell in layout.cells:

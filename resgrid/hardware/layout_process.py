@@ -83,7 +83,10 @@ def _cover(process: Process, name: str, beside: float, beyond: float) -> Cover:
 
 
 def _metals(process: Process) -> tuple[MetalRules, ...]:
-    """Return the metals of a process from the lowest one up to that of its pads."""
+    """Return the rules of the metals of a process, from the lowest metal up to that of its pads.
+
+    Raises InputError if they are fewer than `METALS`, or do not lead to the pads.
+    """
     upward = {cut.below: (name, cut) for name, cut in process.cuts.items()}
     metal, metals = process.cuts["contact"].above, []
     while True:

@@ -24,7 +24,7 @@ VIA_STRIP = 20000
 """Largest width of the rectangle of vias at the upper edge of a pad, in nanometres."""
 
 DROP = 0.001
-"""Wanted largest voltage drop along a trunk, as a fraction of the supply."""
+"""Voltage drop along a trunk, as a fraction of the supply, that the width of trunks is chosen for."""
 
 WIDEST = 10_000
 """Largest width of a trunk that is chosen for its voltage drop, in nanometres.
@@ -73,7 +73,7 @@ class Drawing:
     cells: list[DrawnCell] = field(default_factory=list)
 
     def box(self, metal: MetalRules, x0: int, y0: int, x1: int, y1: int) -> None:
-        """Add a rectangle of a metal; its corners are in nanometres."""
+        """Add a rectangle of a metal; `x0`, `y0`, `x1`, `y1`: two opposite corners, in nanometres, in any order."""
         self.boxes.append((metal.layer, min(x0, x1), min(y0, y1), max(x0, x1), max(y0, y1)))
 
 
@@ -204,7 +204,7 @@ def _trunks(rules: LayoutRules, array: TileArray, tile: TileGeometry, width: int
 
 
 def draw_rails(rules: LayoutRules, array: TileArray, tile: TileGeometry, plan: RailPlan) -> Drawing:
-    """Return the rectangles, placements, labels and cells of rails and pads."""
+    """Return the rectangles, placements, labels and cells of rails and pads; `plan`: their measures."""
     drawing = Drawing()
     if plan.ring:
         _draw_obstacle_rail(rules, array, tile, plan, drawing)

@@ -11,7 +11,7 @@ from resgrid.hardware.layout import Layout
 from resgrid.hardware.layout_rules import DrawnCell, Layer
 
 Window = tuple[float, float, float, float]
-"""A rectangle x0, y0, x1, y1, in nanometres."""
+"""A rectangle: lower left corner x0, y0 and upper right corner x1, y1, in nanometres."""
 
 
 def expanded_shapes(
@@ -19,7 +19,7 @@ def expanded_shapes(
 ) -> dict[Layer, NDArray[np.float64]]:
     """Return the rectangles of a layout by layer, shape (rectangles, 4): x0, y0, x1, y1 in nanometres.
 
-    `window`: only rectangles that touch it; `layers`: only these layers.
+    `window`: only rectangles that touch it are returned, None for all; `layers`: only these layers, None for all.
     """
     cells = {cell.name: cell for cell in layout.cells}
     found: dict[Layer, list[NDArray[np.float64]]] = {}

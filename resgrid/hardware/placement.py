@@ -104,7 +104,7 @@ class Placement:
 
     @property
     def shape(self) -> Index:
-        """Numbers of cells along both axes."""
+        """Numbers of columns and rows of the grid of cells."""
         columns, rows = self.circuit.space.shape
         return columns, rows
 

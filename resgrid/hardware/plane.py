@@ -14,7 +14,7 @@ from resgrid.hardware.placement import Placement, Point
 from resgrid.hardware.routing import Routing
 
 _CLEARANCE = 0.3
-"""Declared distance between the plane and copper of other nets, in millimetres."""
+"""Distance between the copper plane and copper of other nets that the board file states, in millimetres."""
 
 _DISTANCE = 0.32
 """Distance between the plane and copper of other nets that is cut out, in millimetres.
@@ -23,10 +23,10 @@ It exceeds `_CLEARANCE`, because polygons replace arcs and lie up to 1 % inside 
 """
 
 _EDGE = 0.6
-"""Distance between the plane and the edge of the board, in millimetres."""
+"""Distance between the copper plane and the edge of the board, in millimetres."""
 
 _HOLE = 0.6
-"""Distance between the plane and holes for screws, in millimetres."""
+"""Distance between the copper plane and mounting holes, in millimetres."""
 
 _GAP, _SPOKE = 0.45, 0.7
 """Width of the gap around a soldered pin of the plane's net, and of the four spokes across the gap, in millimetres."""
@@ -104,15 +104,16 @@ def _cut_part(
 
 
 def _polygons(area: BaseGeometry) -> Iterator[Polygon]:
-    """Yield the polygons of an area, from the upper left."""
+    """Yield the polygons of an area, sorted by their left and then by their upper end."""
     parts = [part for part in getattr(area, "geoms", [area]) if isinstance(part, Polygon) and not part.is_empty]
     yield from sorted(parts, key=lambda part: part.bounds)
 
 
 def _without_holes(area: Polygon) -> tuple[Point, ...]:
-    """Return one closed line around a polygon with holes: slits without width join the holes with the outer line.
+    """Return one closed line around a polygon with holes, in which slits without width lead to the holes.
 
-    Every hole, from the left, is joined at its leftmost corner with the nearest edge to the left of this corner.
+    From each hole's leftmost corner, a horizontal slit leads to the nearest edge on its left; KiCad's files have no
+    holes.
     """
     line = _corners(area.exterior.coords)
     holes = [_corners(ring.coords) for ring in area.interiors]
@@ -124,7 +125,7 @@ def _without_holes(area: Polygon) -> tuple[Point, ...]:
 
 
 def _corners(coordinates: Iterable[tuple[float, ...]]) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
-    """Return the corners (n, 2) of a closed line, without the repeated last one."""
+    """Return the corners (n, 2) of a closed line, in millimetres, without the repeated first corner at the end."""
     return np.round(np.array(list(coordinates), dtype=np.float64)[:-1, :2], 4)
 
 

@@ -20,13 +20,13 @@ from resgrid._internal.values import frozen
 from resgrid.errors import InputError
 
 SCHEMA = 1
-"""Version of the format of records."""
+"""Version number of the file format of records."""
 
 SUFFIX = ".record.json"
 """Suffix of a record's file name, which replaces the suffix of the board or layout."""
 
 GROUND = "0"
-"""Net of ground in records, boards and SPICE netlists."""
+"""Name of the net of ground in records, boards and SPICE netlists."""
 
 PartType = Literal["resistor", "jumper", "connector", "test_pad", "hole"]
 """Types of parts in a record."""
@@ -35,7 +35,7 @@ _ENCODE = json.JSONEncoder(sort_keys=True, allow_nan=False).encode
 """Function that returns a value as JSON on one line, with sorted keys."""
 
 _STRICT = {"strict": True, "extra": "forbid"}
-"""Settings of pydantic: no conversion between types, and no unknown keys."""
+"""Settings with which pydantic validates a record: no conversion between types, and no unknown keys."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Part:
     value : float or None
         Resistance in ohms of a resistor, as the file realises it; None for other parts.
     nets : tuple of str
-        Net of each pad or terminal, in the order of its number.
+        Net of each pad or terminal, in the order of the pads' numbers.
     closed : tuple of int
         Numbers of the pads, counted from 1, that the jumper plan joins; empty for an open jumper and for other parts.
 
@@ -177,7 +177,10 @@ def write_record(file: str | os.PathLike[str], record: HardwareRecord) -> Path:
 
 
 def format_record(record: HardwareRecord) -> str:
-    """Return the text of a record: sorted, one part, source, voltage or cell per line, with exact numbers."""
+    """Return the text of a record: sorted JSON with one part, source, voltage or cell per line.
+
+    Numbers are exact: reading them gives the same floating-point numbers.
+    """
     data = {each.name: getattr(record, each.name) for each in fields(record)} | {
         "schema": SCHEMA,
         "parts": [vars(part) for part in sorted(record.parts, key=lambda part: natural_order(part.reference))],
@@ -202,7 +205,7 @@ def _line(value: Any) -> str:
 
 
 def natural_order(name: str) -> tuple[tuple[str, int], ...]:
-    """Return a sort key that orders names by their numbers: R2 before R10."""
+    """Return a sort key for names that compares the numbers in them by value: R2 comes before R10."""
     return tuple((text, int(digits or -1)) for text, digits in re.findall(r"(\D*)(\d*)", name))
 
 
@@ -259,7 +262,7 @@ def _parse(text: str, path: Path) -> HardwareRecord:
 
 
 def _require_consistency(record: HardwareRecord, words: str) -> None:
-    """Raise InputError if a record contradicts itself; `words`: beginning of the message."""
+    """Raise InputError if a record contradicts itself; `words`: beginning of the error message."""
     problem = next(_contradictions(record), None)
     if problem is not None:
         raise InputError(f"{words}: {problem}; write the board or layout again")

@@ -36,7 +36,7 @@ class Routing:
 
 
 def route(placement: Placement) -> Routing:
-    """Return the tracks and vias of a board."""
+    """Return all tracks and vias of a board."""
     parts: list[Track | Via] = [
         *_grid(placement),
         *_ring(placement),

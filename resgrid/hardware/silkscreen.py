@@ -15,7 +15,7 @@ from resgrid.hardware.kicad.footprints import Graphics, Text
 from resgrid.hardware.placement import Index, Placement, label_size, rounded
 
 _LINE = 0.15
-"""Width of lines, in millimetres."""
+"""Width of printed lines, in millimetres."""
 
 _HATCH = 1.1
 """Distance of the parallel lines that fill obstacles, in millimetres."""
@@ -160,7 +160,10 @@ def _front_legend(placement: Placement, lines: Iterable[str]) -> Iterator[Text]:
 
 
 def _back(placement: Placement, legend: Legend) -> Iterator[Text]:
-    """Yield the texts of the back: title, legend, and the expected voltage below each pad of a fixed board."""
+    """Yield the printed texts of the back: title, legend, and the expected voltage below each pad of a fixed board.
+
+    `legend`: title, second line, and lines of the legend.
+    """
     (x0, y0), (x1, y1) = placement.origin, placement.corner
     title = _fitted(legend[0], 0.0, y0 + 2.9, x1 - x0 - 16.5, 1.2)
     right = x1 - 8.2
@@ -227,7 +230,7 @@ def _area(placement: Placement, cells: Iterable[Index]) -> BaseGeometry:
 
 
 def _hatched(area: BaseGeometry) -> Iterator[LineString]:
-    """Yield the outline of an area and parallel lines inside it."""
+    """Yield the outline of an area, and oblique parallel lines inside it."""
     if area.is_empty:
         return
     for part in getattr(area, "geoms", [area]):
@@ -244,7 +247,7 @@ def _hatched(area: BaseGeometry) -> Iterator[LineString]:
 
 
 def _border(placement: Placement) -> Iterator[LineString]:
-    """Yield the border of the grid, with short oblique lines along sides that act as obstacles."""
+    """Yield the border of the grid, with short oblique lines outside the sides that act as obstacles."""
     columns, rows = placement.shape
     (x0, y0), (x1, y1) = placement.at(-0.5, rows - 0.5), placement.at(columns - 0.5, -0.5)
     corners = ((x0, y0), (x1, y0), (x1, y1), (x0, y1))

@@ -20,10 +20,10 @@ from resgrid._internal.subprocesses import kill_session
 from resgrid.errors import BudgetError, InputError, ToolMissingError
 
 KICAD_VARIABLE = "RESGRID_KICAD_CLI"
-"""Environment variable with the path of kicad-cli."""
+"""Name of the environment variable that gives the path of kicad-cli."""
 
 KLAYOUT_VARIABLE = "RESGRID_KLAYOUT_PYTHON"
-"""Environment variable with the path of a Python interpreter that can import ``klayout.db``."""
+"""Name of the environment variable that gives the path of a Python interpreter that can import ``klayout.db``."""
 
 KICAD_VERSION = 9
 """Lowest major version of KiCad that reads the boards of resgrid."""
@@ -42,16 +42,16 @@ _SHOWN = 400
 
 @dataclass(frozen=True)
 class KicadCli:
-    """An installed kicad-cli; `program`: its path; `version`: its version, such as ``"9.0.8"``."""
+    """An installed kicad-cli; `program`: path of the program; `version`: its version, such as ``"9.0.8"``."""
 
     program: str
     version: str
 
     def run(self, *arguments: str | Path, timeout: float = TIMEOUT) -> str:
-        """Run kicad-cli, and return the text that it prints.
+        """Run kicad-cli, and return the text that it prints on standard output.
 
-        `arguments`: its arguments; `timeout`: longest run, in seconds.  Settings of the user have no effect.  Raises
-        InputError if kicad-cli fails, and BudgetError after the timeout.
+        `arguments`: arguments of the command; `timeout`: longest run, in seconds. KiCad's settings of the user have no
+        effect. Raises InputError if kicad-cli fails, and BudgetError after the timeout.
         """
         with temporary_folder() as folder:
             settings = {"KICAD_CONFIG_HOME": str(folder), "LC_ALL": "C.UTF-8"}
@@ -64,15 +64,15 @@ class KicadCli:
 
 @dataclass(frozen=True)
 class KlayoutPython:
-    """A Python interpreter with klayout; `program`: its path; `version`: the version of klayout."""
+    """A Python interpreter with klayout; `program`: path of the interpreter; `version`: version of klayout."""
 
     program: str
     version: str
 
     def run(self, script: Path, *arguments: str | Path, timeout: float = TIMEOUT) -> str:
-        """Run a Python script, and return the text that it prints.
+        """Run a Python script, and return the text that it prints on standard output.
 
-        `script`: path of the script; `arguments`: its arguments; `timeout`: longest run, in seconds.  Raises InputError
+        `script`: path of the script; `arguments`: its arguments; `timeout`: longest run, in seconds. Raises InputError
         if the script fails, and BudgetError after the timeout.
         """
         status, printed, messages = _run([self.program, "-I", str(script), *map(str, arguments)], timeout, {})

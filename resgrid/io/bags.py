@@ -89,7 +89,7 @@ class BagWriter:
         return self.new("geometry_msgs/msg/Quaternion", **ros_quaternion(yaw))
 
     def new(self, kind: str, **values: Any) -> Any:
-        """Return a message of a type with the given values."""
+        """Return a message of the type `kind`; `values`: its fields by name."""
         return self._store.types[kind](**values)
 
     def grid(self, snapshot: MapSnapshot) -> Any:
@@ -227,7 +227,7 @@ def _exchange(new: Path, target: Path, old: Path) -> None:
 
 
 def _open(path: Path, storage: Storage) -> Any:
-    """Return the writer of rosbags for a new file or folder."""
+    """Return the rosbags writer of a new file or folder; `storage`: kind of recording."""
     from rosbags.rosbag1 import Writer as Writer1
     from rosbags.rosbag2 import StoragePlugin, Writer as Writer2
 

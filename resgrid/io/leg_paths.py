@@ -49,7 +49,7 @@ def write_leg_paths(
 
 
 def leg_record(path: LegPath) -> dict[str, Any]:
-    """Return outcome, measures, legs and points of a path as a dictionary for a JSON file."""
+    """Return outcome, lengths, legs and points of a path of several legs as a dictionary for JSON."""
     record: dict[str, Any] = {
         "outcome": str(path.outcome),
         "start": list(path.start),

@@ -113,7 +113,10 @@ def has_joints(space: ConfigurationSpace) -> bool:
 
 
 def require_joints(space: ConfigurationSpace, *, timed: bool) -> None:
-    """Raise InputError unless the robot of a space has named joints; `timed`: whether the path has times."""
+    """Raise InputError unless a path can be a JointTrajectory: its robot has named joints, and it has times.
+
+    `space`: space of the path; `timed`: whether the path has times.
+    """
     if not has_joints(space):
         kind = "a point" if space.robot is None else with_article(type(space.robot).__name__)
         raise InputError(f"a JointTrajectory holds the joints of a robot from a URDF file, not {kind}; write .csv")
@@ -130,9 +133,10 @@ def _is_smooth(motion: Trajectory) -> bool:
 
 
 def _distinct_times(times: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return ascending times in nanoseconds (m,), and the indices (m,) of their knots; `times` (n,): in seconds.
+    """Return ascending times in nanoseconds (m,), and the indices (m,) of the knots at these times.
 
-    Of knots within one nanosecond the last one is kept, because controllers require increasing times.
+    `times` (n,): times of the knots in seconds. Of knots with the same time in nanoseconds the last one is kept,
+    because controllers require increasing times.
     """
     rounded = np.round(times * 10**9).astype(np.int64)
     rows = np.flatnonzero(np.append(np.diff(rounded) > 0, True))

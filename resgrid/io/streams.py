@@ -35,10 +35,11 @@ class StreamReport:
     ----------
     table : dict of list
         One column per name, with one entry per frame: ``frame`` (index), ``stamp`` and ``received`` (nanoseconds),
-        ``kind`` (map, update, goal), ``changed`` (number of cells whose code changed in the planning space), ``method``
-        (fresh, elimination, unchanged; none if nothing was solved), ``outcome`` (``not_planned`` if map, start or goal
-        are missing), ``certified``, ``length`` and ``clearance`` in metres (NaN without a path), ``x``, ``y`` (start),
-        ``milliseconds`` (processor time from the occupancies to the certified path), ``reason``, ``note``.
+        ``kind`` (map, update, goal), ``changed`` (number of cells of the configuration space whose code changed),
+        ``method`` of the solution (fresh, elimination, unchanged; none if nothing was solved), ``outcome``
+        (``not_planned`` if map, start or goal are missing), ``certified``, ``length`` and ``clearance`` in metres (NaN
+        without a path), ``x``, ``y`` (start), ``milliseconds`` (processor time from the occupancies to the certified
+        path), ``reason``, ``note``.
     last : StreamedPath or None
         Result for the last frame; None for no frame.
     frames : int
@@ -232,7 +233,7 @@ _COLUMNS = (
     "frame", "stamp", "received", "kind", "changed", "method", "outcome", "certified", "length", "clearance", "x", "y",
     "milliseconds", "reason", "note",
 )  # fmt: skip
-"""Names of the columns of the table of latencies."""
+"""Names of the columns of the table in `StreamReport`."""
 
 
 def _row(number: int, result: StreamedPath) -> tuple[Any, ...]:

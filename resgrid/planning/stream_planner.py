@@ -137,8 +137,8 @@ class StreamedPath:
 class StreamPlanner:
     """Planner for a stream of maps, from a recording or from a running robot.
 
-    Each snapshot is planned with the work of the one before (`Planner.update`); its path equals that of a plan without
-    earlier snapshots.  Outcomes without a path, such as a blocked goal, are results and not errors.
+    For each snapshot, the solved space of the snapshot before is updated (`Planner.update`); the path equals that of a
+    plan without earlier snapshots.  Outcomes without a path, such as a blocked goal, are results and not errors.
 
     Parameters
     ----------

@@ -51,7 +51,7 @@ MOST_FRAMES = 600
 _COLOURS = 255
 """Largest number of colours in the palette of a GIF."""
 _HELD = 12
-"""Number of additional frames that repeat the last row of a run at the end of an animation."""
+"""Number of additional frames that repeat the last picture at the end of an animation."""
 
 _PANEL = 3.6
 """Width of a panel of an animation, in inches."""

@@ -27,10 +27,10 @@ from resgrid.scene.goal_shapes import goal_shapes
 from resgrid.scene.scene import Scene
 
 SOLID, START, BETWEEN, END, LEARNT = "#b4b4b4", "#4a4a4a", "#7fb2d6", "#0072B2", HIDDEN
-"""Colours of obstacles, of the robot at the start, along the path and at the end, and of hidden obstacles."""
+"""Colours of obstacles; of the robot at the start, between start and end, and at the end; and of hidden obstacles."""
 
 _PALE = "#cfe1ef"
-"""Colour of the robot along the path in the legend."""
+"""Colour of the robot between start and end in the legend."""
 
 _GROUND = "#ececec"
 """Colour of a floor that is an obstacle."""

@@ -14,7 +14,7 @@ from resgrid._internal.values import brief
 from resgrid.errors import InputError
 
 Corner = Literal["typical", "low", "high"]
-"""Corner of a process: the typical, the lowest or the highest sheet resistance."""
+"""Corner of a process: typical, lowest or highest sheet resistance."""
 
 Positive = Annotated[float, Gt(0)]
 AtLeastZero = Annotated[float, Ge(0)]
@@ -31,9 +31,9 @@ class Layer:
     gds : tuple of int
         Layer and datatype numbers in GDSII files.
     min_width, min_space, max_width : float or None
-        Smallest width, smallest space and largest width, in micrometres.
+        Smallest width, smallest distance of shapes, and largest width, in micrometres.
     wide_space : tuple of tuple of float
-        Pairs of a width and the space that shapes wider than this width need, in micrometres.
+        Pairs of a width and the distance that shapes wider than this width need, in micrometres.
     min_area : float or None
         Smallest area of a shape, in square micrometres.
     sheet_resistance : float or None
@@ -73,7 +73,7 @@ class Cut:
     size, space : float
         Side of a square and distance of squares, in micrometres.
     enclosure_below, enclosure_above : float
-        Overlap of the connected layers on every side, in micrometres.
+        Smallest overlap of the layers `below` and `above` over the square on every side, in micrometres.
     array_space : float or None
         Distance of squares in arrays of more than `array_rows` rows and columns, in micrometres.
     array_rows : int or None
@@ -153,17 +153,18 @@ class Resistor:
     end_resistance : float
         Resistance of one end times the drawn width ``Rz``, in ohm metres.
     min_width, max_width, min_length, max_length, min_space : float or None
-        Range of width and length, and smallest distance of two resistors, in micrometres.
+        Range of width and length, and smallest distance of two resistors, in micrometres; a largest value is None if
+        the source states no limit.
     head_length : float
         Length of the head at each end of the body, in micrometres.
     contact_distance : float
         Distance from the body to the contacts in the head, in micrometres.
     body, ends : tuple of str
-        Layers drawn on the body, and on each head.
+        Names of the layers drawn on the body, and on each head.
     covers : mapping of str to tuple of float
-        Layers that cover body and heads, with their overlaps beside and beyond the resistor, in micrometres.
+        By name, layers that cover body and heads: overlaps across and along the current, in micrometres.
     body_covers : mapping of str to tuple of float
-        Layers that cover the body only, with their overlaps beside and beyond the body, in micrometres.
+        By name, layers that cover the body only: overlaps across and along the current, in micrometres.
     mismatch : float or None
         Standard deviation of the sheet resistance times ``sqrt(W L)``, in percent times micrometres.
     width_mismatch : float
@@ -231,7 +232,10 @@ class Resistor:
         return self.sheet_resistance if corner == "typical" else self.corners[corner]
 
     def resistance(self, length: float, width: float) -> float:
-        """Return the typical resistance in ohms of a drawn length and width in micrometres."""
+        """Return the typical resistance in ohms.
+
+        `length`, `width`: drawn length and width of the body, in micrometres.
+        """
         return self.sheet_resistance * length / (width + self.width_correction) + 2e6 * self.end_resistance / width
 
     def length(self, resistance: float, width: float) -> float:
@@ -285,7 +289,7 @@ class Process:
     title, license, reference : str
         Title, licence and origin of the data.
     grid : float
-        Drawing grid, in micrometres.
+        Grid of which all coordinates of a layout must be multiples, in micrometres.
     layers, cuts : mapping
         Layers (`Layer`) and contacts or vias (`Cut`), by name.
     pad : Pad

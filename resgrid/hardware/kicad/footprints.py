@@ -11,10 +11,10 @@ LIBRARY = "resgrid"
 """Name of the KiCad libraries of symbols and footprints in a board's folder."""
 
 FORMAT = 20241229
-"""Version of KiCad 9's file format of boards and footprints."""
+"""Version of the file format of boards and footprints in KiCad 9."""
 
 PIN_SPACING = 2.54
-"""Distance of the pins of a pin header, in millimetres."""
+"""Distance of the centres of neighbouring pins of a pin header, in millimetres."""
 
 
 @dataclass(frozen=True)
@@ -76,12 +76,12 @@ class PlacedFootprint:
     path: str = ""
 
     def place_of(self, pad: Pad) -> tuple[float, float]:
-        """Return the centre of a pad on the board, in millimetres."""
+        """Return the centre (x, y) of a pad on the board, in millimetres, y downwards."""
         x, y = {0: (pad.x, pad.y), 90: (pad.y, -pad.x), 180: (-pad.x, -pad.y), 270: (-pad.y, pad.x)}[self.turn]
         return self.x + x, self.y + y
 
     def size_of(self, pad: Pad) -> tuple[float, float]:
-        """Return width and height of a pad on the board, in millimetres."""
+        """Return width and height of a pad on the board, after the rotation of the footprint, in millimetres."""
         return (pad.width, pad.height) if self.turn % 180 == 0 else (pad.height, pad.width)
 
 
@@ -285,7 +285,7 @@ class Text:
 
     @property
     def box(self) -> tuple[float, float, float, float]:
-        """Rectangle (x0, y0, x1, y1) that encloses the text, in millimetres."""
+        """Rectangle (x0, y0, x1, y1) that encloses the text, in millimetres, y downwards."""
         width, height = self.size[0] * 0.95 * len(self.text) + 0.1, self.size[1] + 0.2
         start = {"left": 0.0, "right": -width}.get(self.align, -width / 2)
         if self.turn % 180:

@@ -52,7 +52,7 @@ _ERRORS_OF_SCHEMATIC = (
 def format_project(name: str, sheets: Sequence[tuple[str, str]]) -> str:
     """Return the text of a project file (``.kicad_pro``).
 
-    `name`: name of the project; `sheets`: identifier and title of every sheet, the root first.
+    `name`: name of the project; `sheets`: UUID and title of every sheet, the root first.
     """
     board = dict.fromkeys(_ERRORS_OF_BOARD, "error")
     schematic = dict.fromkeys(_ERRORS_OF_SCHEMATIC, "error")

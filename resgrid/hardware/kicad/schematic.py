@@ -10,7 +10,7 @@ from resgrid.hardware.kicad.sexpr import NO, YES, Node, Word, format_tree, ident
 from resgrid.hardware.kicad.symbols import Symbol, effects, library_name, symbol_tree
 
 FORMAT = 20250114
-"""Version of KiCad 9's file format of schematics."""
+"""Version of the file format of schematics in KiCad 9."""
 
 PROJECT = "grid"
 """Name of the KiCad project, with which the names of its files begin."""
@@ -76,7 +76,7 @@ class Sheet:
 
     @property
     def file(self) -> str:
-        """Name of the sheet's file."""
+        """Name of the sheet's file (``.kicad_sch``)."""
         return f"{PROJECT}{'_' + self.name.replace(' ', '_') if self.name else ''}.kicad_sch"
 
     @property

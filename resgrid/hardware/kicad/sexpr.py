@@ -7,11 +7,11 @@ from typing import Any
 from uuid import NAMESPACE_URL, uuid5
 
 Node = list[Any]
-"""A list of an S-expression: its keyword, then words, numbers, texts and further lists."""
+"""A list of an S-expression: its keyword, then words, numbers, texts and nested lists."""
 
 _NAMESPACE = uuid5(NAMESPACE_URL, "resgrid board")
 _DIGITS = 6
-"""Decimal places of numbers; KiCad resolves 1e-6 mm."""
+"""Number of decimal places of lengths in files; KiCad resolves 1e-6 mm."""
 
 
 class Word(str):

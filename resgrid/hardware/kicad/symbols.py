@@ -9,7 +9,7 @@ from resgrid.hardware.kicad.footprints import LIBRARY
 from resgrid.hardware.kicad.sexpr import NO, YES, Node, Word, format_tree
 
 FORMAT = 20241209
-"""Version of KiCad 9's file format of symbols."""
+"""Version of the file format of symbols in KiCad 9."""
 
 Line = tuple[tuple[float, float], ...]
 

@@ -56,7 +56,7 @@ class MapCells:
         The ``[map]`` table of the scene; ``file`` is an absolute path.
     surroundings : CellSet or None
         Obstacles of a cropped map: the obstacle cells of the part, and those around the part that the robot can touch
-        from inside, on axes that extend beyond `axes`.  None if there are no others than in `cell`.
+        from inside, on axes that extend beyond `axes`.  None if all obstacles are in `cell`.
     extent : float
         Largest `Robot.extent` for which `surroundings` is complete, in axis units; infinite for a map that is not
         cropped.

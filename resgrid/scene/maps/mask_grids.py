@@ -61,8 +61,8 @@ class MaskGrid:
     def largest_in(self, axes: Sequence[Axis], frame: Frame, *, centres: bool) -> NDArray[np.int8]:
         """Return the largest occupancy of the pixels that each cell of a plane grid overlaps, -1 without known pixels.
 
-        `axes`, `frame`: the two axes of the grid and their transformation to the world; `centres`: whether only the
-        pixel at each cell's centre counts, as in Nav2.  The result has the shape of the grid.  Two squares overlap if
+        `axes`: the two axes of the grid; `frame`: transformation from axis units to the world; `centres`: whether only
+        the pixel at each cell's centre counts, as in Nav2. The result has the shape of the grid. Two squares overlap if
         no side of either separates them; those that only touch do not overlap.
         """
         plane = Frame(frame.x, frame.y, frame.yaw)

@@ -138,8 +138,8 @@ def read_epic(path: Path) -> NDArray[np.uint8]:
 def read_raster(path: Path, bytes_per_pixel: int = BYTES_PER_PIXEL) -> Raster:
     """Return the channel values of a picture file of any format that `read_pnm` or Pillow supports.
 
-    `bytes_per_pixel`: memory that the caller needs per pixel; BudgetError is raised if the picture would not fit in
-    memory.
+    `bytes_per_pixel`: memory per pixel for decoding and later use; BudgetError is raised if the picture would not fit
+    in memory.
     """
     data = _bytes_of(path)
     if data[:2] in MAGICS:
@@ -195,10 +195,11 @@ def _read_with_pillow(data: bytes, path: Path, bytes_per_pixel: int, *, in_parts
 def _read_with_pillow(
     data: bytes, path: Path, bytes_per_pixel: int, *, in_parts: bool = False
 ) -> Raster | DecodedPicture:
-    """Return a picture that Pillow decodes, as a raster, or in a form of which parts can be converted to rasters.
+    """Return a picture that Pillow decodes, as a raster or in the memory of Pillow.
 
-    `data`: content of the file; `path`: for messages; `bytes_per_pixel`: memory that the caller needs per pixel;
-    `in_parts`: whether parts are enough.  Layouts that need the whole picture are returned as rasters.
+    `data`: content of the file; `path`: name of the file, for messages; `bytes_per_pixel`: memory per pixel that is
+    checked beforehand; `in_parts`: whether the picture may stay in the memory of Pillow, so that only parts become
+    rasters.
     """
     from PIL import Image, UnidentifiedImageError
 

@@ -75,7 +75,10 @@ class Preparation:
 
     @classmethod
     def of(cls, table: Mapping[str, Any], extent: float) -> Preparation:
-        """Return the preparation that a ``[map]`` table describes, for a robot of a given `extent`."""
+        """Return the cropping and joining of cells that a ``[map]`` table demands, for a robot of a given `extent`.
+
+        Raises InputError if the table both joins and divides cells.
+        """
         given = {key: table[key] for key in KEYS if table.get(key) is not None}
         preparation = cls(**given, extent=extent)
         if preparation.coarsen > 1 and preparation.refine > 1:
@@ -86,9 +89,10 @@ class Preparation:
         return preparation
 
     def apply(self, source: MapSource, periodic: Sequence[str] = ()) -> MapCells:
-        """Return the prepared cells of a map; `periodic`: names of its periodic axes.
+        """Return the cells of a map after cropping, and after joining or dividing cells.
 
-        Raises InputError if the part is empty, or if a periodic axis would be cut.
+        `periodic`: names of the periodic axes of the map. Raises InputError if the cropped part is empty, or if a
+        periodic axis would be cut.
         """
         axes = source.axes
         whole = whole_window(axes)

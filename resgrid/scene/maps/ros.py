@@ -131,9 +131,11 @@ def _cells(
     lethal: int | None = None,
     least_conductivity: float | None = None,
 ) -> MapCells:
-    """Return the cells for occupancies (height, width), bottom row first.
+    """Return the cells of a ROS map.
 
-    `header`: keys of the ``map.yaml``; `axes`, `frame`: position of the cells; the options are those of `read_ros`.
+    `occupancy` (height, width): in percent, -1 for unknown, bottom row first; `header`: keys of the ``map.yaml``;
+    `axes`: axes of the cells in map coordinates; `frame`: transformation from map coordinates to the world; `unknown`,
+    `lethal`, `least_conductivity`: options of `read_ros`.
     """
     occupied = _is_occupied(occupancy, header, lethal)
     unseen = occupancy == UNKNOWN
@@ -225,7 +227,7 @@ def _warn_of_palette(picture: Path, raster: Raster, dialect: Dialect) -> None:
 
 
 def place_of_map(origin: Sequence[float], resolution: float, shape: tuple[int, ...]) -> tuple[tuple[Axis, ...], Frame]:
-    """Return axes and frame of a ROS map.
+    """Return the axes of a ROS map in map coordinates, and the transformation from map coordinates to the world.
 
     `origin`: x, y and yaw of the lower left corner in metres and radians; `resolution`: width of a cell in metres;
     `shape`: (height, width) in cells.

@@ -78,9 +78,9 @@ class Recording:
     file : Path
         The file or folder.
     ros : {1, 2}
-        Version of ROS.
+        1 for ROS 1, 2 for ROS 2.
     storage : {"bag", "sqlite3", "mcap"}
-        Kind of file.
+        Kind of recording: a bag of ROS 1, or a database or MCAP file of ROS 2.
     map_topic : str
         Topic of the maps.
     updates_topic : str or None

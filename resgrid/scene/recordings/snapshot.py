@@ -48,7 +48,7 @@ class MapSnapshot:
     goal : tuple of float or None
         Pose of the goal (x, y, yaw) from the recording; None without one.
     note : str or None
-        Deviations, such as an ignored update, or a pose from another time than `stamp`; None without one.
+        Text about deviations, such as an ignored update, or a pose from another time than `stamp`; None without one.
 
     Raises
     ------
@@ -264,7 +264,7 @@ def stamp_of(message: Any) -> int:
 
 
 def frame_name(text: str) -> str:
-    """Return the name of a frame without a leading slash, as in tf2."""
+    """Return the name of a coordinate frame without a leading slash, as tf2 compares names."""
     return text.removeprefix("/")
 
 
@@ -290,7 +290,7 @@ def yaw_of(quaternion: tuple[float, float, float, float]) -> tuple[float, float]
 
 
 def pose_of(pose: Any) -> Pose:
-    """Return place and heading of a ``geometry_msgs`` Pose or Transform; raise InputError if it is not finite."""
+    """Return the pose in the plane of a ``geometry_msgs`` Pose or Transform; raise InputError if it is not finite."""
     place = pose.position if hasattr(pose, "position") else pose.translation
     turn = pose.orientation if hasattr(pose, "orientation") else pose.rotation
     yaw, _ = yaw_of((turn.x, turn.y, turn.z, turn.w))

@@ -72,7 +72,7 @@ class Transform:
 
 
 def _product(one: Quaternion, two: Quaternion) -> Quaternion:
-    """Return the product of two quaternions, the rotation by `two` and then by `one`."""
+    """Return the product of two unit quaternions (x, y, z, w): the rotation by `two`, followed by that by `one`."""
     x, y, z, w = one
     a, b, c, d = two
     return (
@@ -82,7 +82,7 @@ def _product(one: Quaternion, two: Quaternion) -> Quaternion:
 
 
 def _rotated(turn: Quaternion, vector: Vector) -> Vector:
-    """Return a vector after the rotation by a unit quaternion."""
+    """Return a vector after its rotation by a unit quaternion (x, y, z, w)."""
     x, y, z, w = turn
     return _product(_product(turn, (*vector, 0.0)), (-x, -y, -z, w))[:3]
 
@@ -207,7 +207,7 @@ class TransformBuffer:
 
     @property
     def frames(self) -> list[str]:
-        """Names of all frames, sorted."""
+        """Names of all coordinate frames that occur as a parent or child, sorted."""
         return sorted({*self.tracks, *(parent for track in self.tracks.values() for parent in track.parents)})
 
     def pose(self, frame: str, base: str, stamp: int) -> tuple[Pose, str | None]:

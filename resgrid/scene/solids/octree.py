@@ -152,10 +152,11 @@ def _binary_leaves(body: bytes, size: int, resolution: float, path: Path) -> Oct
 
 
 def _full_leaves(body: bytes, dtype: np.dtype[np.void], size: int, scale: tuple[float, float], path: Path) -> Octree:
-    """Return the leaves of an ``.ot`` file: value and bits of existing children of every node, in depth-first order.
+    """Return the leaves of an ``.ot`` file, which holds all nodes in depth-first order.
 
-    `body`: bytes after the header; `dtype`: type of a node; `size`: number of nodes according to the header; `scale`:
-    log-odds from which a leaf is occupied, and width of a voxel in metres.
+    `body`: bytes after the header; `dtype`: type of a node, with its value and a bit for each existing child; `size`:
+    number of nodes according to the header; `scale`: log-odds from which a leaf is occupied, and width of a voxel in
+    metres.
     """
     threshold, resolution = scale
     if size < 0 or len(body) < size * dtype.itemsize:
@@ -178,8 +179,9 @@ def _full_leaves(body: bytes, dtype: np.dtype[np.void], size: int, scale: tuple[
 def _cubes_of_nodes(codes: list[int], children: dict[int, list[int]], least: int, path: Path) -> NDArray[np.int32]:
     """Return the cubes (n, 4) of the nodes of a tree in depth-first order: lower corner and width in voxels.
 
-    `codes`: one code for every node, and possibly further ones; `children`: numbers of the children of a node by its
-    code, the last one first; `least`: smallest width of a node.
+    `codes`: code of every node in this order; codes after the last node are ignored; `children`: for each code, indices
+    (0 to 7) of the children of a node with this code, in descending order; `least`: smallest width of a node; `path`:
+    name of the file, for messages.
     """
     cubes: list[tuple[int, int, int, int]] = []
     stack = [(0, 0, 0, 2 * MIDDLE)]

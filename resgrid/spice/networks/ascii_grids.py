@@ -15,7 +15,7 @@ from resgrid.errors import InputError
 from resgrid.spice.read.files import deck_bytes, decode, normalise
 
 NODATA = -9999.0
-"""Value that marks an empty cell in addition to the value in the raster's header (as in Circuitscape)."""
+"""Value that marks an empty cell, besides the value that the raster's header states, as in Circuitscape."""
 
 _ORIGIN = ("xllcorner", "yllcorner", "xllcenter", "yllcenter")
 _KEYS = frozenset(("ncols", "nrows", *_ORIGIN, "cellsize", "dx", "dy", "nodata_value", "nodata"))

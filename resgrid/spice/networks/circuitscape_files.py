@@ -25,7 +25,7 @@ from resgrid.spice.networks.configurations import Configuration
 from resgrid.spice.networks.geotiff import write_geotiff
 
 _DECIMALS = 8
-"""Number of decimals in ASCII grids."""
+"""Number of decimal places in ASCII grids."""
 
 
 @contextmanager

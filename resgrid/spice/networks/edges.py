@@ -34,7 +34,7 @@ _HEADINGS = {
     "resistance": re.compile(r"resistances?|ohms?"),
     "conductance": re.compile(r"conductances?|siemens"),
 }
-"""Patterns of the column headings that state a quantity, by the quantity."""
+"""Patterns of the words in a heading that state a quantity, by the name of the quantity."""
 
 
 @dataclass(frozen=True, eq=False)

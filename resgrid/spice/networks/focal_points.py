@@ -36,7 +36,7 @@ class FocalPoints:
         return any(len(cells) > 1 for cells in self.cells)
 
     def only(self, ids: NDArray[np.int64]) -> FocalPoints:
-        """Return the points whose numbers are among `ids`."""
+        """Return the focal points whose numbers are among `ids`."""
         kept = np.isin(self.ids, ids)
         return FocalPoints(self.ids[kept], tuple(cells for cells, keep in zip(self.cells, kept, strict=True) if keep))
 

@@ -13,7 +13,7 @@ from resgrid.core.netlist import GROUND, Netlist
 from resgrid.core.regions import label_components
 
 UNCONNECTED = -1.0
-"""Resistance, in Circuitscape's files, of a pair that is not connected or was left out."""
+"""Value in Circuitscape's files in place of the resistance of a pair that is not connected or not measured."""
 
 
 class Measurement(NamedTuple):
