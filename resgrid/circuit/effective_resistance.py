@@ -83,7 +83,7 @@ class EffectiveResistance:
 
     @property
     def matrix(self) -> NDArray[np.float64]:
-        """Effective resistances of all pairs in ohms, shape (terminals, terminals); NaN for pairs not asked for."""
+        """Effective resistances in ohms, symmetric, shape (terminals, terminals); NaN for pairs not asked for."""
         count = len(self.terminals)
         matrix = np.full((count, count), np.nan)
         matrix[tuple(self.pairs.T)] = matrix[tuple(self.pairs.T[::-1])] = self.resistance

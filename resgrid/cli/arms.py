@@ -25,10 +25,10 @@ CLEARANCE_STEP = 0.01
 
 
 def verdict_data(job: Job) -> dict[str, Any]:
-    """Return the numbers of cells by verdict as a dictionary for JSON; empty for robots of the plane.
+    """Return the numbers of free, colliding and undecided cells as a dictionary for JSON.
 
-    With the sampling ``"centre"`` nothing is proven: the key ``proven`` is false, and free and colliding cells are
-    those whose centre is free or collides.
+    It is empty for robots of the plane. With the sampling ``"centre"`` nothing is proven: the key ``proven`` is false,
+    and free and colliding cells are those whose centre is free or collides.
     """
     if job.scene.robot.workspace_ndim != 3:
         return {}
@@ -81,7 +81,7 @@ def check_route(job: Job, route: Route) -> Route:
 
 
 def check_routes(job: Job, routes: list[Route]) -> list[Route]:
-    """Return routes with clearances in metres and collisions; see `check_route`."""
+    """Return the routes with the clearances of an arm in metres, and for robots in space with first collisions."""
     if job.scene.robot.base is None:
         return routes
     checked = []

@@ -106,8 +106,8 @@ def describe(job: Job) -> dict[str, Any]:
 def _cost(job: Job) -> dict[str, Any]:
     """Return the size of the circuit as a dictionary for JSON: ``nodes``, ``resistors`` and ``memory_bytes``.
 
-    The last one is the memory of a solution.  If the scene has no single circuit, the values are None, and the key
-    ``no_circuit`` holds the reason.
+    ``memory_bytes`` is the estimated memory of a solution. If the scene has no single circuit, the values are None, and
+    the key ``no_circuit`` holds the reason.
     """
     from resgrid.circuit.equations import assemble
     from resgrid.scene.sampling import with_coordinates
@@ -243,7 +243,7 @@ def _map_lines(data: dict[str, Any]) -> Iterable[str]:
 
 
 def _option_text(value: Any) -> str:
-    """Return the value of an option of map preparation as on the command line: numbers separated by commas."""
+    """Return the value of an option that crops or joins cells as on the command line: numbers separated by commas."""
     return ",".join(f"{part:g}" for part in value) if isinstance(value, list | tuple) else str(value)
 
 

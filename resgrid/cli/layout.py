@@ -24,7 +24,7 @@ DRAWN = ("process", "corner", "width")
 """Keys of the ``[chip]`` table that determine the layout; other keys are reported as ignored."""
 
 SHOWN_PADS = 8
-"""Largest number of pads that the floor plan lists as text."""
+"""Largest number of pads whose places are printed in the floor plan."""
 
 
 @subcommand(

@@ -134,7 +134,8 @@ def draw_summary(
     Raises
     ------
     InputError
-        If the space has four axes, or a path has another number of coordinates.
+        If the number of coordinates of a path differs from the number of axes, or `scale` is "log" and the field has
+        no drop.
 
     Examples
     --------
