@@ -20,7 +20,8 @@ _STEP = {"": "configuration", "_believed": "believed", "_rate": "velocity", "_to
 _CONTACT = ("contact_x", "contact_y", "force_x", "force_y", "part", "body", "sticking")
 """Names of the columns of the contact with the largest force in a time step.
 
-`part`: index of the robot's part that touches; `body`: index of the touched obstacle.
+`part`: index of the robot's part that touches; `body`: index of the touched obstacle; `sticking`: 1 if friction holds
+the contact, else 0.
 """
 
 

@@ -366,9 +366,10 @@ def _space(scene: Scene, start: Point) -> tuple[ConfigurationSpace, Outcome | No
 
 
 def _followed(base: StreamedPath, space: ConfigurationSpace, start: Point) -> StreamedPath:
-    """Return the result with the path from a start in a space with goals, and whether the path is certified.
+    """Return a copy of `base` that contains the path from a start, its outcome, and whether it is certified.
 
-    `base`: result without a path, with the planner of an earlier snapshot or None; `start`: start in world coordinates.
+    `base`: result without a path, with the planner of an earlier snapshot or None; `space`: space with goals; `start`:
+    start in world coordinates.
     """
     scene = base.scene
     assert scene is not None

@@ -128,8 +128,8 @@ class Preparation:
     def _inflated(self, codes: NDArray[np.uint8], unknown: NDArray[np.bool_] | None) -> NDArray[np.bool_]:
         """Return the mask of obstacle cells that no point of the robot may touch, in the shape of `codes`.
 
-        `codes`: cell codes; `unknown`: mask of unknown cells, which are left out unless `inflate_around_unknown`; or
-        None.
+        `codes`: cell codes; `unknown`: mask of unknown cells, None without any; unless `inflate_around_unknown`,
+        unknown cells are not in the result.
         """
         blocked = np.asarray(codes == Cell.OBSTACLE)
         return blocked if self.inflate_around_unknown or unknown is None else np.asarray(blocked & ~unknown)

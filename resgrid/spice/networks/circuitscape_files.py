@@ -145,7 +145,7 @@ class OutputFiles:
         """Write a map in the format of the habitat raster, ASCII grid or GeoTIFF.
 
         `end`: end of the file name; `cells` (rows, columns): values; `of_current`: whether the values are currents,
-        which are written without cells that do not conduct.
+        which may be written as logarithms, or else voltages.
         """
         assert self.habitat is not None and self.conducting is not None
         if of_current and self.job.flag("log_transform_maps"):
