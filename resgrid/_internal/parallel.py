@@ -43,7 +43,7 @@ _FIRST_WINDOW, _MAX_WINDOW = 4, 4096
 """Initial and maximum number of tasks that are submitted to the executor at one time (the window)."""
 
 _AHEAD = 16
-"""Maximum number of finished tasks that wait for an earlier one, per task that is submitted at one time."""
+"""Maximum number of finished tasks that wait for an earlier one, as a multiple of the number of submitted tasks."""
 
 _MAX_DEATHS = 3
 """Number of worker deaths during a task at which the task fails; after one death fewer, the task runs alone."""
@@ -241,7 +241,7 @@ class _Scheduler:
                 yield from found
 
     def _advance(self) -> bool:
-        """Submit tasks and receive finished ones; return False if no task is left; handle Ctrl-C at the end."""
+        """Submit tasks and receive finished ones; return False if no task is left; handle interrupts at the end."""
         with interrupts_deferred(wake=lambda: self._finished.put(None)):
             if not self._fill():
                 return False
@@ -253,7 +253,7 @@ class _Scheduler:
         return True
 
     def _next_finished(self) -> Future[Any] | None:
-        """Wait for a finished task, and return its future, or None after Ctrl-C.
+        """Wait for a finished task, and return its future, or None after Ctrl-C or SIGTERM.
 
         Raise WorkerError if all workers of a dask scheduler have gone; wait for the first worker without a limit.
         """

@@ -347,9 +347,10 @@ def _goals(scene: Scene, pose: Pose | None, tolerance: float) -> tuple[GoalPoint
 
 
 def _space(scene: Scene, start: Point) -> tuple[ConfigurationSpace, Outcome | None, str | None]:
-    """Return the configuration space of a scene, and None twice; or the outcome and its reason if it is blocked.
+    """Return the configuration space, and the outcome and reason if the start or all goals are blocked, else None.
 
-    `start`: start in world coordinates. The outcome is ``START_BLOCKED`` or ``GOAL_BLOCKED``.
+    `start`: start in world coordinates. The space contains the goals only if nothing is blocked. The outcome is
+    ``START_BLOCKED`` or ``GOAL_BLOCKED``.
     """
     free = build_space(replace(scene, goals=()), require_goal=False)
     blocked = free.cell == Cell.OBSTACLE
