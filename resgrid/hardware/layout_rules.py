@@ -53,8 +53,9 @@ class MetalRules:
 class Cover:
     """A layer that covers resistors.
 
-    `name`: name of the layer in the process; `layer`: its GDSII numbers; `beside`, `beyond`: overlap across and along
-    the current; `width`, `space`: smallest width and spacing, 0 without a rule; lengths are in nanometres.
+    `name`: name of the layer in the process; `layer`: its GDSII numbers; `beside`, `beyond`: distances by which it
+    extends past a resistor across and along the current; `width`, `space`: smallest width and spacing, 0 without a
+    rule; lengths are in nanometres.
     """
 
     name: str

@@ -212,9 +212,9 @@ class ArmPicture(SpaceView):
 
 
 def draw_arm_scene(scene: Scene, ax: Axes | None = None, *, camera: Camera | None = None) -> Axes:
-    """Draw an arm at the first start of a scene, obstacles and goals in space; return the axes.
+    """Draw the arm of a scene at its first start, with obstacles and goals, in space; return the axes.
 
-    Without a start, the arm is drawn in the middle of its axes.  `ax`: axes to draw on, by default those of a new
+    Without a start, the arm is drawn in the middle of its axes. `ax`: axes to draw on, by default those of a new
     figure; `camera`: direction of the view.
     """
     starts = np.reshape(scene.starts, (-1, scene.ndim))
