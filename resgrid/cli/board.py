@@ -77,7 +77,12 @@ def command(
 
 
 def _tolerance(text: str) -> float:
-    """Return the tolerance in the text of an option as a fraction; raise InputError unless it is between 0 and 50 %."""
+    """Return the tolerance in the text of the option ``--tolerance`` as a fraction, such as 0.01 for ``"1 %"``.
+
+    The text is a percentage with the sign ``%`` (``"1 %"``, ``"1%"``), or a fraction without it (``"0.01"``, also with
+    an SI prefix: ``"10m"``). Raises InputError for other texts, and unless the fraction is above 0 and at most 0.5:
+    ``"1"`` means 100 % and is refused.
+    """
     from resgrid.scene.quantities import parse_fraction
 
     try:

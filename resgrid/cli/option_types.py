@@ -70,7 +70,10 @@ class Number(_Type):
         self.remedy = remedy
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """Return the number of a text; raise click's BadParameter for any other text, infinity and NaN."""
+        """Return the number of a text in Python's notation, such as ``"0.2"`` or ``"1e-3"``, without unit or prefix.
+
+        Raises click's BadParameter for any other text, infinity and NaN.
+        """
         try:
             number = float(value)
         except ValueError:

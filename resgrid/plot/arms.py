@@ -56,7 +56,7 @@ Links at the same place in several poses are then drawn in one colour.
 
 
 def is_in_space(scene: Scene) -> bool:
-    """Return whether the robot of a scene is an arm with bodies in space."""
+    """Return whether the robot of a scene is an arm with bodies in space (a robot from a URDF file)."""
     return isinstance(scene.robot, URDFRobot)
 
 
@@ -120,7 +120,7 @@ class ArmPicture(SpaceView):
 
     @property
     def floor(self) -> float:
-        """Height of the floor in metres: that of the highest horizontal half-space, or of the lowest shown point."""
+        """Coordinate z of the floor in metres: of the highest horizontal half-space, or of the lowest shown point."""
         return floor_height(self.scene.obstacles, float(self.lower[2]))
 
     @property

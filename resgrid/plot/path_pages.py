@@ -88,7 +88,7 @@ def draw_voxel_page(
     paths: Sequence[AnyPath], k: Sequence[float] | None = None,
     unknown: NDArray[np.bool_] | None = None,
 ) -> Figure:  # fmt: skip
-    """Draw paths of one space with three axes: the surface of the obstacles, and horizontal slices at their heights.
+    """Draw paths of one space with three axes: the surface of the obstacles, and horizontal slices through the paths.
 
     `k`: weight k of the Dirichlet field of each streamline, None for paths of one field; `unknown`: mask of obstacle
     cells of unknown occupancy.
@@ -127,10 +127,11 @@ def _styles_of(k: Sequence[float | None]) -> list[dict[str, Any]]:
 
 
 def _cuts_through(paths: Sequence[AnyPath], space: ConfigurationSpace) -> list[Cut]:
-    """Return horizontal slices at heights of paths.
+    """Return at most `_SLICES` horizontal slices through the first path, from the lowest to the highest.
 
-    They are at the start and the end of the first path, and at the lowest, highest and median height of the paths, at
-    most `_SLICES` of them.
+    The first chosen are those at its start and its end, then those at its lowest and its highest point, the one farther
+    from start and end first, then the one at the median of its z coordinates. Each pair of the result holds the axis
+    number 2 and a cell index. `space`: the space of all paths.
     """
     path, axis = paths[0], space.axes[2]
     line = subdivided(points_of(path, space), PIECES)

@@ -20,7 +20,7 @@ _AT_ONCE = 1 << 20
 """Number of pairs of a pixel and a triangle that are tested at once; limits the memory."""
 
 _OUTLINE = 0.55
-"""Factor by which pixels at the border of a body are darkened."""
+"""Factor from 0 (black) to 1 by which the colours of pixels at the border of a body are multiplied."""
 
 _LIGHT = np.array([-0.35, 0.45, 0.82])
 """Unit vector towards the light, in the camera's frame: to the right, upwards, towards the camera."""

@@ -133,7 +133,7 @@ def _logarithmic(field: Field, decades: NDArray[np.float64], smallest: float) ->
 def span(values: NDArray[np.float64]) -> tuple[float, float]:
     """Return the limits of the colour scale: minimum and maximum of the finite values.
 
-    The lowest 2 % of the values are ignored if the rest spans less than half of the whole range.
+    The lower limit is the 2nd percentile instead if the values above it span less than half of the whole range.
     """
     finite = values[np.isfinite(values)]
     lowest, low, high = (float(value) for value in (finite.min(), np.quantile(finite, _TAIL), finite.max()))

@@ -38,13 +38,20 @@ _SIDE = 1500
 """Number of pixels along the longer side of a picture before it is reduced to half this size."""
 
 _HIDDEN = 0.4
-"""Fraction of the points of the paths hidden by obstacles above which the obstacles above the paths are left out."""
+"""Fraction of the sample points of the paths that obstacles hide, above which obstacles above the paths are left out.
+
+The sample points divide each segment of a path into `PIECES` pieces.
+"""
 
 _CAMERA = Camera(-55.0, 38.0)
-"""Default direction of the view, steeper than that of arms, to look into rooms."""
+"""Default direction of the view (azimuth and elevation in degrees), steeper than for arms, to look into rooms."""
 
 PIECES = 24
-"""Number of pieces into which each segment of a path is divided to find hidden pieces and the median height."""
+"""Number of equal pieces into which each segment of a path is divided; their ends are sample points of the path.
+
+The points decide which parts of the path obstacles hide in the view. On a page with slices they also determine the
+lowest, highest and median z coordinate of the path, at which horizontal slices are drawn.
+"""
 
 
 class VoxelView(SpaceView):
@@ -59,7 +66,7 @@ class VoxelView(SpaceView):
     unknown : ndarray of bool or None
         Mask of obstacle cells of unknown occupancy, which have no surface.
     top : float or None
-        Height in axis units above which obstacles are left out; None to show all obstacles.
+        Coordinate z, in axis units, above which obstacles are left out; None to show all obstacles.
     also : ndarray of float64, shape (n, 3)
         Points that the picture must contain.
     """
@@ -101,7 +108,7 @@ class VoxelView(SpaceView):
         )
 
     def layers(self) -> list[Layer]:
-        """Return the images of obstacles, of the section through obstacles at the height `top`, and of goal cells."""
+        """Return the images of obstacles, of the section through obstacles at z = `top`, and of goal cells."""
         facing = [(axis, sign) for axis, sign in DIRECTIONS if sign * self.camera.rotation[2, axis] < -1e-9]
         faces = surface_to_air(self.solid, self.air, self.axes, facing)
         height = faces.corners[:, :, 2].mean(axis=1)
@@ -153,7 +160,9 @@ class VoxelView(SpaceView):
 
     @staticmethod
     def _outside(ends: NDArray[np.float64], middle: NDArray[np.float64], number: int) -> float:
-        """Return how far an edge lies below the middle of the view (x, y), or to the left of it (z).
+        """Return the distance by which an edge lies below the middle of the view (axes x, y), or to the left (axis z).
+
+        The distance is negative for an edge above or to the right.
 
         `ends` (2, 2): ends of the edge in the picture; `middle` (2,): middle of the view; `number`: axis of the edge, 2
         for z.
@@ -174,9 +183,9 @@ def draw_voxels(
 ) -> Axes:
     """Draw the surface of the obstacles of a space with three axes, and paths.
 
-    Only the surface around the cells that are connected to a goal is drawn, from its front: walls between the camera
-    and the inside of a closed room are transparent.  Where obstacles hide most of the paths, those above the paths are
-    left out.  Hidden parts of paths are dotted.
+    Only the surface around the cells that are connected to a goal is drawn, from its front: obstacles between the
+    camera and the inside of a closed room are transparent.  Where obstacles hide more than 40 % of the paths, those
+    above the paths are left out.  Hidden parts of paths are dotted.
 
     Parameters
     ----------
@@ -189,7 +198,8 @@ def draw_voxels(
     azimuth, elevation : float
         Direction from the space to the camera in degrees, from x towards y, and above the horizontal plane.
     top : float, optional
-        Height above which obstacles are left out; by default only obstacles above paths that they hide.
+        Coordinate z, in axis units, above which obstacles are left out; by default obstacles are left out only above
+        paths of which they hide more than 40 %.
     unknown : ndarray of bool, optional
         Mask of obstacle cells of unknown occupancy, shape of the space; they have no surface.
 
@@ -230,8 +240,9 @@ def draw_paths_in_view(
     """Draw the surface of the obstacles of a space with axes x, y and z, and paths; return the axes.
 
     `styles`: legend entry ``label`` and matplotlib's line options for each path; `ax`: axes to draw on, None for a new
-    figure; `camera`: direction of the view; `top`: height above which obstacles are left out, None to decide by the
-    paths; `unknown`: mask of obstacle cells of unknown occupancy, None without any.
+    figure; `camera`: direction of the view; `top`: coordinate z above which obstacles are left out, None to leave out
+    those above the paths if they hide more than `_HIDDEN` of them; `unknown`: mask of obstacle cells of unknown
+    occupancy, None without any.
     """
     lines = [points_of(path, space) for path in paths]
     dense = [subdivided(line, PIECES) for line in lines]

@@ -17,7 +17,10 @@ from numpy.typing import NDArray
 from resgrid.robots.solids import Capsule, Cylinder, OrientedBox, rotation_matrix
 
 ITERATIONS = 60
-"""Number of projections in the search for a direction that separates a cell from a cylinder."""
+"""Number of projections in the search for a direction that separates a cell's box from a cylinder.
+
+A cell for which the search fails is marked as an obstacle.
+"""
 
 Vectors = NDArray[np.float64]
 """Points or directions in space, shape (n, 3)."""

@@ -45,11 +45,15 @@ solution.
 """
 
 _ROUNDINGS = 1e-13
-"""Relative error, due to rounding, of a solution by subtraction-free factors for currents of one sign."""
+"""Bound on the relative error of every entry of a solution by subtraction-free factors, for currents of one sign.
+
+The error is due to rounding. For currents of both signs the bound is relative to the solution for their magnitudes.
+"""
 
 _FORBIDDEN = 1e-9
-"""Smallest tolerance that is compared with the error of voltages, relative to the largest voltage; smaller ones are
-raised.
+"""Smallest tolerance of `solve_in_order`, relative to the chip's largest voltage; smaller ones are raised to it.
+
+A solution is accepted if the bound on its rounding error is at most the tolerance times the largest voltage.
 """
 
 _EVEN = 1e4

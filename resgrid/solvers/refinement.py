@@ -66,11 +66,11 @@ _FLAT = 1e-14
 """Ratio of the currents at a row to ``(b + |A| |x|)_i`` below which the currents may be pure rounding error."""
 
 _STEPS, _FEWEST_STEPS, _LEAST = 8, 2, 128
-"""Size of the neighbourhood that is solved directly with inaccurate rows: maximum and minimum steps, and minimum rows.
+"""Size of the neighbourhood that is solved directly with inaccurate rows: maximum and minimum number of steps, and N.
 
-The neighbourhood grows to the maximum number of steps from these rows, but only to the minimum once it has half of the
-allowed rows. It grows on until it has one row in 128 of the matrix: along a slit, all voltages beyond depend on the
-ones before.
+A step leads along one resistor. The neighbourhood grows to the maximum number of steps from the inaccurate rows, but
+only to the minimum once it has half of the allowed rows. It grows on beyond the maximum until it has 1/N of all rows of
+the matrix: along a slit, all voltages beyond depend on the ones before.
 """
 
 _MOST, _MOST_OF_PLANE, _ONE_IN = 20_000, 100_000, 10

@@ -30,9 +30,10 @@ LEAST_GAIN = 0.5
 ROUNDING = 2.0**-52
 """Machine epsilon of double precision."""
 _SINGLE = 5e-7
-"""Residual norm, relative to the begin of a burst, below which the recursive residual is rounding error.
+"""Recursive residual norm, relative to the begin of a burst of iterations, below which it is rounding error.
 
-The recursive residual is the one that each iteration updates in single precision.
+The recursive residual is the one that each iteration updates in single precision. The next burst then starts without
+the last search direction.
 """
 
 _BURST = 1e-5
@@ -76,9 +77,10 @@ _PASS, _LEAST_PASS = 1e-15, 1e-2
 
 
 _RANGE = 400
-"""Difference between the binary exponents of currents (A) and conductances (S) above which the currents are rescaled.
+"""Difference of binary exponents above which the currents are rescaled, since squares of voltages could overflow.
 
-Otherwise squares of voltages could overflow.
+The exponents are those of the largest current in amperes and of the conductance ``hierarchy.unit`` in siemens; the
+magnitude of their difference counts.
 """
 
 

@@ -27,7 +27,8 @@ MAX_CALLS = 10_000
 class Definition:
     """Definition of a parameter or function.
 
-    `card`: the card with the definition; `token`: the expression; `arguments`: names of a function's arguments.
+    `card`: the card with the definition; `token`: the expression; `arguments`: names of a function's arguments, empty
+    for a parameter.
     """
 
     card: Card
