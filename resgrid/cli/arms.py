@@ -115,7 +115,7 @@ def timed_by_robot(job: Job, routes: list[Route]) -> list[Route]:
 
 
 def write_trajectories(folder: Path, routes: list[Route]) -> dict[str, str]:
-    """Write every route with times to files of its own; return descriptions of the files by name."""
+    """Write every route with times to files of its own in `folder`; return descriptions of the files by file name."""
     from resgrid.planning.time_parameterization import Trajectory
 
     files = {}

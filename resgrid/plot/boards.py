@@ -76,7 +76,7 @@ def _draw_side(board: Board, ax: Axes, side: str) -> Axes:
 
 
 def _write(ax: Axes, words: str, at: tuple[float, float], height: float, turn: int, align: str) -> None:
-    """Write a printed text.
+    """Write a printed text; `words`: the text.
 
     `at`: place (x, y) in mm; `height`: of its letters, in points; `turn`: rotation in degrees; `align`: side of the
     text at the place: "left", "right", or "" for the centre.

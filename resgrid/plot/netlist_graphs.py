@@ -228,7 +228,7 @@ def _oriented(places: Place) -> Place:
 
 
 def _closeness(edges: NDArray[np.float64]) -> float:
-    """Return the total length over which connections run closer than 0.3 to other connections, in units of the layout.
+    """Return the total length over which connections run within 0.3 of other connections, in drawing units.
 
     `edges` (edges, 2, 2): both ends of each connection of two nodes; the outer 15 % at each end are ignored.
     """

@@ -115,8 +115,8 @@ def render(
     """Return the shaded image of triangles, with dark outlines of bodies.
 
     `triangles` (n, 3, 3): corners in the world; `owner` (n,): number of the body to which each triangle belongs;
-    `colour`: name of the colour of all triangles, or red, green and blue from 0 to 1 of each, shape (n, 3); `opacity`:
-    0 to 1.
+    `colour`: name of the colour of all triangles, or red, green and blue from 0 to 1 of each, shape (n, 3); `camera`,
+    `window`: projection, and shown part of the picture plane; `opacity`: 0 to 1, stored in the result only.
     """
     seen = camera.seen(triangles)
     depth, face = _nearest(window.pixels(seen), window)

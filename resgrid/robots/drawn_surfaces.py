@@ -132,7 +132,11 @@ def _revolved(pose: NDArray[np.float64], profile: NDArray[np.float64]) -> Triang
 
 @cache
 def _ring_triangles(rings: int) -> NDArray[np.int64]:
-    """Return the triangles between rings of `SIDES` points, and those of the caps at the two last points."""
+    """Return the triangles (t, 3) between successive rings of `SIDES` points each, and of the caps at both ends.
+
+    `rings`: number of rings. Points are numbered ring by ring from the lowest on, then the lowest and the highest point
+    on the axis, the tips of the caps.
+    """
     here = np.arange(SIDES)
     following, bottom, top = (here + 1) % SIDES, rings * SIDES, rings * SIDES + 1
     parts = [np.column_stack([following, here, np.full(SIDES, bottom)])]

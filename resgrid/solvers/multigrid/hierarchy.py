@@ -75,7 +75,8 @@ class Hierarchy:
 def build_hierarchy(laplacian: Laplacian, threads: ThreadTeam = SINGLE_THREAD) -> Hierarchy:
     """Return the multigrid hierarchy of a matrix; `threads`: share the work of coarsening a grid.
 
-    The matrix is coarsened to about 250 nodes; the coarsest matrix is inverted.
+    The matrix is coarsened to about 250 nodes, or until it does not shrink further; the coarsest matrix is inverted if
+    it has at most 2000 nodes.
     """
     laid_out = lay_out_grid(laplacian)
     if laid_out is not None:

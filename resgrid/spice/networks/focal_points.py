@@ -44,7 +44,8 @@ class FocalPoints:
 def numbers_of(path: Path, columns: int | None, *, skip: int = 0) -> NDArray[np.float64]:
     """Return the numbers of a text file, (rows, columns); raise InputError, which names the line, for other words.
 
-    `columns`: number of numbers per line, None for that of the first line; `skip`: number of first lines to leave out.
+    `path`: the file; `columns`: number of numbers per line, None for that of the first line; `skip`: number of lines at
+    the begin of the file that are left out.
     """
     rows: list[list[float]] = []
     for number, line in enumerate(read_text(path).split("\n")[skip:], skip + 1):

@@ -27,8 +27,7 @@ MAX_CALLS = 10_000
 class Definition:
     """Definition of a parameter or function.
 
-    `card`: the card with the definition; `token`: the expression; `arguments`: names of a function's arguments, empty
-    for a parameter.
+    `card`: the card with the definition; `token`: the expression; `arguments`: those of a function, () for a parameter.
     """
 
     card: Card
@@ -42,7 +41,7 @@ class Definition:
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """A ``.model`` card; `settings`: its ``key=value`` pairs; `block`: the deck or subcircuit with the card."""
+    """A ``.model`` card: name, kind and ``key=value`` pairs (`settings`); `block`: the deck or subcircuit with it."""
 
     name: str
     kind: str
@@ -191,8 +190,8 @@ class BuiltIns:
 class Scope:
     """Values of a block's parameters in one instance of the block.
 
-    `outer`: scope of the enclosing block, None for the deck; `given`: values that the instance passes, by name in lower
-    case; `built_ins`: reserved names of the dialect, by default those of `outer`.
+    `diagnostics`: receives errors; `outer`: scope of the enclosing block, None for the deck; `given`: values that the
+    instance passes, by name in lower case; `built_ins`: reserved names of the dialect, by default those of `outer`.
     """
 
     block: Block

@@ -50,13 +50,13 @@ class State(IntEnum):
 class Tiles:
     """A chip's circuit as an array of tiles; a tile is the circuit of one cell.
 
-    `ohms`: resistances of the switches in ohms, by their keys in a chip; `capacitance`: capacitance of every cell, in
-    farads; `amps`: current injected into every free tile, in amperes; `state` (cells,): `State` of every tile.  The
-    other arrays describe the resistors of the grid, shapes (n,): `cell`: flat index of the cell whose tile holds the
-    resistor; `beyond`: index of the neighbouring cell, -1 for the obstacle rail beyond the grid's edge; `axis`: axis of
-    the resistor; `upward`: whether it leads from the cell towards larger coordinates; `resistance`: in ohms; `wall`:
-    wall resistance at a contact with an obstacle, in ohms; `series`: total resistance in series with the resistor in
-    this scene, in ohms.
+    `netlist`: the chip's circuit; `ohms`: resistances of the switches in ohms, by their keys in a chip; `capacitance`:
+    capacitance of every cell, in farads; `amps`: current injected into every free tile, in amperes; `state` (cells,):
+    `State` of every tile. The other arrays describe the resistors of the grid, shapes (n,): `cell`: flat index of the
+    cell whose tile holds the resistor; `beyond`: index of the neighbouring cell, -1 for the obstacle rail beyond the
+    grid's edge; `axis`: axis of the resistor; `upward`: whether it leads from the cell towards larger coordinates;
+    `resistance`: in ohms; `wall`: wall resistance at a contact with an obstacle, in ohms; `series`: total resistance in
+    series with the resistor in this scene, in ohms.
     """
 
     netlist: Netlist
