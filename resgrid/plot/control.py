@@ -60,7 +60,10 @@ _FORCE_LENGTH = 0.12
 _MOST_ARROWS = 8
 """Largest number of contact forces in the picture of a run; of more forces, evenly spaced ones are drawn."""
 _FAINT = 1e-4
-"""Smallest change of the potential that the logarithmic colour scale resolves, as a fraction of the largest change."""
+"""Limit between the linear and the logarithmic part of the colour scale of changes of the potential.
+
+It is a fraction of the largest magnitude of a change; the scale is linear for smaller changes of both signs.
+"""
 
 
 def draw_run(run: Run, *, title: str = "", caption: str = "") -> Figure:

@@ -39,7 +39,7 @@ _FLAT = 1e-9
 """Extent of a point set along a principal axis, as a fraction of the largest one, below which it counts as flat."""
 
 _ROUNDING = 1e-9
-"""Tolerance in metres of the check that a piece contains its points."""
+"""Distance in metres by which a point may lie outside its piece due to rounding; beyond it AssertionError is raised."""
 
 _PLANE_ROUNDING = 1e-12
 """Height in metres above the plane of a face up to which a point counts as below it; a point inside is below all."""

@@ -14,10 +14,10 @@ from resgrid.robots.box_distances import distance_from_boxes
 from resgrid.robots.mesh import Mesh
 
 BATCH = 1 << 17
-"""Number of pairs of a triangle and a cell that are tested at once."""
+"""Approximate number of pairs of a triangle and a cell that are tested at once, which limits the memory."""
 
 CHUNK = 1024
-"""Number of triangles whose surroundings are searched for cells at once."""
+"""Number of triangles whose surroundings are searched for cells at once, which limits the memory."""
 
 
 def near_mesh(

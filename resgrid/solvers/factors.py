@@ -51,7 +51,10 @@ The error is due to rounding in subtraction-free factors and substitution.
 """
 
 _LEAST_ENTRY = 1e-150
-"""Smallest entry of ``-L`` (a dimensionless fraction) for which products of two entries do not underflow."""
+"""Smallest positive entry of ``-L`` (a dimensionless fraction) for which products of two entries do not underflow.
+
+With a smaller entry the bound on the relative error of a solution is infinite.
+"""
 
 _MOST_PASSES = 4
 """Maximum number of substitutions in a normwise direct solution, the first solution and its refinements."""

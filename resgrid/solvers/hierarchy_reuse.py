@@ -35,13 +35,15 @@ from resgrid.solvers.supernodal import factor_supernodes
 from resgrid.solvers.symbolic import Symbolic
 
 _FEW = 300
-"""Approximate number of sampled resistors; the median of their conductances relative to nominal scales a chip's
-equations.
+"""Approximate number of resistors whose conductances are compared with the nominal ones, to scale a chip's equations.
+
+The equations of a chip are divided by the nominal unit times the median of these ratios.
 """
 
 _LEFT = 16 * ROUNDING
-"""Rounding error of a residual norm in amperes, divided by the largest conductance times the norm ``|x|`` of the
-solution.
+"""Limit on the residual norm of a chip's solution, relative to the largest diagonal entry times the norm ``|x|``.
+
+The limit is the size of rounding errors; a solution below it is accepted even if the residual exceeds the tolerance.
 """
 
 _ROUNDINGS = 1e-13

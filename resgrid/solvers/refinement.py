@@ -58,8 +58,9 @@ _PROVED = 1e-6
 """Bound on the relative error of entries up to which a solution is accepted, whatever its backward error."""
 
 _DIFFERENCE = 4.0
-"""Relative difference of two refined values that counts as rounding error, in multiples of `refine`'s parameter
-``floor``, the residual of a row that counts as rounding error, relative to ``(b + |A| |x|)_i``.
+"""Ratio between two limits of rounding error: that on relative differences of refined values, and that on residuals.
+
+The limit on residuals is the parameter ``floor`` of `refine`, the residual of a row relative to ``(b + |A| |x|)_i``.
 """
 
 _FLAT = 1e-14

@@ -14,13 +14,13 @@ from resgrid.spice.read.expressions import ExpressionError, Lookup, ReservedName
 from resgrid.spice.read.numerals import parse_numeral
 
 MAX_CHAIN = 40
-"""Maximum length of a chain of parameters that each refer to one of a later line; other chains have no limit."""
+"""Maximum length of a chain of parameters that each refer to one of a later line (else CardError); others: no limit."""
 
 _MOST_NOTED = 5
 """Maximum number of warnings about parameters without a value, per scope (deck or instance of a subcircuit)."""
 
 MAX_CALLS = 10_000
-"""Maximum number of calls of the deck's functions during the evaluation of one value."""
+"""Maximum number of calls of the deck's functions during the evaluation of one value; more raise BudgetError."""
 
 
 @dataclass(frozen=True, eq=False)
