@@ -97,7 +97,10 @@ def fraction_below(limit: float) -> NumberRange:
 
 
 class Suggested(_Type):
-    """Type of an option that is a word, which the library validates; the shell completes the common `words`."""
+    """Type of an option that is a word, which the library validates.
+
+    `name`: name of the type in help texts; `words`: common words, which the shell completes; others are accepted, too.
+    """
 
     def __init__(self, name: str, *words: str) -> None:
         self.name, self.words = name, words

@@ -291,7 +291,10 @@ class Failure(NamedTuple):
 
 
 def failure_of(error: Exception) -> Failure:
-    """Return exit code, class name and message for an exception that ended a command."""
+    """Return exit code, class name and message for an exception that ended a command.
+
+    The message of an unexpected exception asks the user to report it.
+    """
     kind = type(error).__name__
     if isinstance(error, click.Abort):
         return Failure(INTERRUPTED, kind, "interrupted")

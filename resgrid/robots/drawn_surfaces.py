@@ -25,9 +25,9 @@ _FACES = np.array(
     [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4],
      [1, 5, 7], [1, 7, 3]]
 )  # fmt: skip
-"""Triangles (12, 3) of a box, anticlockwise seen from outside, as numbers of corners.
+"""Triangles (12, 3) of a box, anticlockwise seen from outside, as numbers of corners (rows of `_CORNERS`).
 
-Corner ``4 i + 2 j + k`` has the lower (0) or upper (1) coordinate x, y and z for the bits i, j and k.
+The three numbers in a row of `_CORNERS` select the lower (0) or the upper (1) coordinate x, y and z.
 """
 
 Triangles = tuple[NDArray[np.float64], NDArray[np.int64]]
