@@ -31,8 +31,8 @@ def is_hardware(file: str) -> bool:
 def check_hardware(source: CommandInput, tolerance: float, timeout: float) -> int:
     """Verify a board or layout, print the result, and return the exit code.
 
-    `source`: the input; `tolerance`: largest error of a voltage relative to the supply; `timeout`: limit of each run of
-    an outside program, in seconds.
+    `source`: the input; `tolerance`: largest accepted error of a voltage, relative to the supply; `timeout`: limit of
+    each run of an outside program, in seconds.
     """
     if source.changes or source.map_options:
         raise InputError(

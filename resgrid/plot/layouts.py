@@ -90,7 +90,8 @@ def _layers(layout: Layout) -> dict[str, Sequence[Layer]]:
 def _tile_window(layout: Layout) -> Window:
     """Return the corners x0, y0, x1, y1, in micrometres, of a window around the drawing of one cell near a goal.
 
-    The cell is a free cell with resistors along both axes, if there is one.
+    The cell is the closest free cell, outside goals, with resistors to its next neighbours along both axes; if there
+    is none, the closest cell with a node.
     """
     tile, array = layout.tile, layout.array
     both = (array.along_x >= 0) & (array.along_y >= 0) & (array.region < 0) & ~array.obstacle

@@ -241,7 +241,7 @@ class BlockProver:
         return np.concatenate(hits) if hits else np.zeros(0, dtype=np.int64)
 
     def _is_coarse(self, batch: Batch) -> Flags:
-        """Return the mask (t,) of the items of two convex hulls, of which at least one belongs to several pieces."""
+        """Return the mask (t,) of the items that pair two convex hulls, at least one of them around several pieces."""
         bodies = self._pairs[batch.items[:, 0]]
         is_hull = (batch.items[:, 1:] == self._arrays.hull[bodies]).all(axis=1)
         return np.asarray(is_hull & (np.diff(self._arrays.spans, axis=1)[bodies, 0] > 1).any(axis=1))

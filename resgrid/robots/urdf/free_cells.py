@@ -53,7 +53,7 @@ distance is larger for robots with coordinates beyond 1e7 m (see `ROUNDING`).
 """
 
 ROUNDING = 1e-12
-"""Bound on the rounding error of a position in space, relative to the largest coordinate of the robot."""
+"""Bound on the rounding error of a position in space, relative to the largest magnitude of the robot's coordinates."""
 
 
 @frozen
@@ -344,9 +344,10 @@ def _groups(arrays: ProofArrays, axes: tuple[Axis, ...]) -> list[Group]:
 
 
 def _extent(arrays: ProofArrays, axes: tuple[Axis, ...]) -> float:
-    """Return a bound on the coordinates of all points of the bodies, in metres.
+    """Return a bound on the magnitudes of the coordinates of all points of the bodies, in metres.
 
-    The bound is the sum of all distances between joints, all largest translations, and the largest point and radius.
+    The bound is the sum of all distances between joints, of the largest translation of every prismatic joint, of the
+    largest 1-norm of a point in its link's frame, and of the largest radius.
     """
     tree, largest = arrays.tree, np.array([max(abs(axis.lower), abs(axis.upper)) for axis in axes])
     slides = np.abs(tree.factor) * largest[tree.driver] + np.abs(tree.offset)
