@@ -27,7 +27,7 @@ The cost of proofs grows with the number of corners.
 """
 
 _COARSE = 10
-"""Ratio of the tolerance for hulls of many corners to the tolerance for hulls of few corners."""
+"""Ratio of the tolerance for hulls of at least `_MANY` kept corners to the tolerance for hulls of fewer corners."""
 
 _BATCH = 0.9
 """Fraction of the largest distance from the present hull above which corners are added in one step.

@@ -200,9 +200,9 @@ class StoppingRule:
     def record(self, power: float, length: Callable[[], float]) -> None:
         """Record the reduction of the error by an iteration, and set `accurate` if the estimated error is small enough.
 
-        `power`: reduction of the squared energy norm of the error; `length`: function that returns the largest change
-        of a voltage by this iteration, in volts. The function is called for the first iteration, and if the reductions
-        suggest that the change is small.
+        `power`: reduction of the squared energy norm of the error; `length`: function that returns the largest
+        magnitude of a change of a voltage by this iteration, in volts. The function is called for the first iteration,
+        and if the reductions suggest that the change is small.
         """
         if not self._near:
             return
@@ -333,7 +333,7 @@ class _Burst:
         self._kept += 1
 
         def move() -> float:
-            """Return the largest change of a voltage in this step, in volts."""
+            """Return the largest magnitude of a change of a voltage in this step, in volts."""
             return float(abs(alpha) * unit * krylov.largest_step(v.z[: self._kept], self._on_p, v.p))
 
         self._stop.record(alpha * zr * unit * unit, move)

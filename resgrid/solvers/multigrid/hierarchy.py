@@ -42,6 +42,8 @@ The blocks of coarse levels then do not depend on the width of a border without 
 """
 
 _SMALL = 250
+"""Number of nodes of a grid below which coarsening continues with a graph."""
+
 _SHRINKAGE = 0.6
 """Ratio of the nodes of a coarse grid to those of the finer one above which coarsening continues with a graph."""
 
@@ -100,7 +102,8 @@ def coarsen_grid(level: Level) -> tuple[list[Level], list[NDArray[np.int32]]]:
     The second list contains one array (slots,) per level: for every black node, by its index in arrays over the black
     nodes of this level, the position of the block on the next level that contains the node. A position is a red block's
     index in an array (coarse slots,), or the number of coarse slots plus a black block's index; 0 at an unused slot.
-    Coarsening by blocks ends when the grid has fewer than 250 nodes, or when too many blocks are disconnected.
+    Coarsening by blocks ends when the grid has fewer than 250 nodes, or so many disconnected blocks that the fraction
+    of extra nodes exceeds `_MOST_EXTRAS`.
     """
     levels, targets = [level], list[NDArray[np.int32]]()
     while True:

@@ -64,7 +64,7 @@ def numbers_of(path: Path, columns: int | None, *, skip: int = 0) -> NDArray[np.
 
 
 def whole_numbers(path: Path, values: NDArray[np.float64], kind: str = "focal point") -> NDArray[np.int64]:
-    """Return the values of a file as integers; raise InputError for a value that is not whole or above 2**53.
+    """Return the values of a file as integers; raise InputError unless they are whole, with magnitudes up to 2**53.
 
     `path`: the file; `values`: its numbers; `kind`: noun for the numbered objects in the message.
     """

@@ -133,10 +133,10 @@ def tile_values(netlist: Netlist, chip: Chip) -> dict[str, float | None]:
 
 
 def difference_from_ideal(op: OperatingPoint) -> float | None:
-    """Return the largest voltage difference over all free cells between a chip and its ideal circuit, in volts.
+    """Return the largest magnitude of the voltage difference, in volts, between a chip and its ideal circuit.
 
-    The ideal circuit is that of the same space without switches and mismatch.  `op`: operating point of the chip.
-    Returns None if the ideal circuit has no operating point.
+    All free cells are compared.  The ideal circuit is that of the same space without switches and mismatch.
+    `op`: operating point of the chip.  Returns None if the ideal circuit has no operating point.
     """
     cells = op.netlist.cells
     ideal = compile_space(cells.space, cells.wiring)
