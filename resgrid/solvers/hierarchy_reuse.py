@@ -53,9 +53,10 @@ The error is due to rounding. For currents of both signs the bound is relative t
 """
 
 _FORBIDDEN = 1e-9
-"""Smallest tolerance of `solve_in_order`, relative to the chip's largest voltage; smaller ones are raised to it.
+"""Smallest tolerance of `solve_in_order`, relative to the chip's largest magnitude of a voltage.
 
-A solution is accepted if the bound on its rounding error is at most the tolerance times the largest voltage.
+Smaller tolerances are raised to it. A solution is accepted if the bound on its rounding error is at most the tolerance
+times that magnitude.
 """
 
 _EVEN = 1e4
@@ -137,7 +138,8 @@ def solve_in_order(order: Symbolic, chips: Chips, rtol: float) -> Iterator[Float
     """Yield the solution (n,) of every chip in volts, by elimination in a common order; None where it is not accurate.
 
     `order`: elimination order and structure of the factors; `chips`: for every chip a pair of its matrix and its
-    currents (n,) in amperes; `rtol`: largest error of voltages, relative to the chip's largest voltage.
+    currents (n,) in amperes; `rtol`: largest error of a voltage, relative to the chip's largest magnitude
+    of a voltage.
     """
     for chip, drive in chips:
         try:

@@ -32,10 +32,16 @@ _CONVERGED = 1e-12
 """Largest componentwise backward error of an accepted solution, if the relative error of its entries has no bound."""
 
 CERTAIN = 1e-9
-"""Largest error, relative to the largest entry, up to which a solution needs no further check or correction."""
+"""Error of an entry, relative to the largest magnitude, up to which a solution needs no further check or correction."""
 
 _MOST_STEPS = 60
+"""Maximum number of refinement steps of one solution."""
+
 _LEAST_GAIN = 0.5
+"""Fraction of its previous value below which a step must bring the backward error, or the largest residual in amperes.
+
+A step that does neither is rejected, and refinement ends.
+"""
 
 _ALLOWED = 2e-9
 """Largest sum of relative violations of KCL at which refinement ends.

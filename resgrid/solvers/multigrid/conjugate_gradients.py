@@ -96,8 +96,8 @@ def iterate(
     """Return the solution (n,) in volts, and its residual norm in amperes.
 
     The iteration ends at the residual norm ``rtol |b|`` or at the limit of rounding. With a guess it also ends if
-    the estimated error of every voltage is at most ``rtol`` times the largest voltage of the guess (after Hestenes
-    & Stiefel 1952; Strakos & Tichy 2002).
+    the estimated error of every voltage is at most ``rtol`` times the largest magnitude of a voltage of the guess
+    (after Hestenes & Stiefel 1952; Strakos & Tichy 2002).
 
     `hierarchy`: multigrid levels of the matrix `laplacian`; `b` (n,): right-hand side in amperes; `rtol`: relative
     residual norm; `guess` (n,): initial solution in volts, None for 0; `watch`: records iterations, and can cancel
