@@ -86,7 +86,7 @@ _MOST, _MOST_OF_PLANE, _ONE_IN = 20_000, 100_000, 10
 Approximation = Callable[[Floats, Integers, float], Numbers]
 """Function of mantissas (n,), exponents (n,) and a relative error: returns ``A^-1`` times the right-hand side.
 
-Numbers are ``mantissa * 2**(256 * exponent)``. The error of the result is relative to the largest entry.
+Numbers are ``mantissa * 2**(256 * exponent)``. The error of the result is relative to the result's largest magnitude.
 """
 
 

@@ -108,7 +108,7 @@ def tool_goal_cells(tree: KinematicTree, tool: str, axes: Sequence[Axis], goal: 
 
     A cell is excluded only by bounds on the motion of the tool within it, so that every inverse-kinematics solution
     lies in a goal cell.  Exceptions are cells in which the tool stays within 1e-9 m of the border of the goal without
-    entering it, to within rounding errors.
+    entering it, to within rounding errors, and cells without a solution when the search exceeds `_MAX_BOXES` boxes.
     `tool`: name of a link or frame; `axes`: axes of the configuration space, one per moving joint.
     """
     searched = _tool_of(tree, tool)

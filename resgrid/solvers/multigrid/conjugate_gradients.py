@@ -139,7 +139,7 @@ def approximate(
     accuracy: float,
     threads: ThreadTeam = SINGLE_THREAD,
 ) -> Numbers:
-    """Return a solution whose error is small relative to its largest entry, for numbers with separate exponents.
+    """Return a solution with an error that is small relative to its largest magnitude, in numbers with own exponents.
 
     The function is the approximate inverse of iterative refinement. Every number is ``mantissa * 2**(256 * exponent)``.
     Its results are in volts for right-hand sides in amperes.

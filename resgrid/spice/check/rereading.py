@@ -36,7 +36,7 @@ def reread(deck: Circuit, dialect: Dialect) -> Rereading:
     """Return the result of reading the file of a deck by the rules of a dialect.
 
     `deck`: circuit read from the file by the rules of its own dialect.  If that is `dialect`, or if the deck has no
-    file or large files, nothing is read and the result contains `deck` itself.
+    file or files of more than `_MOST_BYTES` bytes, nothing is read and the result contains `deck` itself.
     """
     if dialect.name == deck.dialect or deck.dialect not in DIALECTS:
         return Rereading(deck)

@@ -262,6 +262,7 @@ def _resistances_of(
     """Return the resistance in ohms of every pair of nodes, from one factorization.
 
     It is -1 for nodes that are not connected, and for pairs with the node -1 (a focal point without a conducting cell).
+    `executor`: workers, None for this process; `progress`: called as ``progress(done, total)``, or None.
     """
     within = [pair for pair in pairs if min(pair) >= 0]
     found = effective_resistance(netlist, within, executor=executor, progress=progress).resistance
@@ -276,7 +277,8 @@ def _solutions(
     """Solve one circuit per item, write the maps of each, and yield its resistance in ohms, -1 without a connection.
 
     `items`: pairs, or a focal point with the others; `make`: function that returns the `Measurement` of a landscape and
-    an item; `names`: ends of the names of the maps of each item.
+    an item; `names`: ends of the names of the maps of each item; `executor`: workers, None for this process;
+    `progress`: called as ``progress(done, total)`` after every solution, or None.
     """
     for name, (flow, node) in zip(names, _flows(land, make, items, executor, progress), strict=True):
         assert node is not None
@@ -293,7 +295,8 @@ def _flows(
     """Yield for each item the solution of its circuit, None without a connection, and the node of every cell.
 
     `shared`: landscape or netlist; `make`: function that returns the `Measurement` of `shared` and an item; `items`:
-    pairs, or a focal point with the others. In a network job the node of every cell is None.
+    pairs, or a focal point with the others; `executor`: workers, None for this process; `progress`: called as
+    ``progress(done, total)`` after every solution, or None. In a network job the node of every cell is None.
     """
     part = JobPart(_solve_items, (shared, make), items, "solutions")
     with closing(in_order([part], executor)) as results:
