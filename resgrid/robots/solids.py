@@ -170,7 +170,7 @@ def rotation_matrix(rotation: ArrayLike) -> NDArray[np.float64]:
 
 
 def _cosines_and_sines(angles: NDArray[np.float64]) -> tuple[list[float], list[float]]:
-    """Return cosines and sines of angles (3,), exactly 0 and 1 at multiples of a right angle.
+    """Return cosines and sines of angles (3,), exactly 0, 1 or -1 at multiples of a right angle.
 
     Otherwise a box that is turned by pi / 2 would extend beyond borders between cells by rounding errors.
     """

@@ -199,7 +199,8 @@ def _solve_raster(
     """Solve a raster job, write its files, and return its result.
 
     `land`: cells and k focal points; `allowed` (k, k): mask of the pairs of focal points that are measured; `files`:
-    writer of the files.
+    writer of the files; `executor`: workers, None for this process; `progress`: called as ``progress(done, total)``
+    after every solution, or None.
     """
     job, points, count = land.job, land.points, len(land.points.ids)
     if job.scenario == "pairwise":
