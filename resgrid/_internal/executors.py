@@ -83,7 +83,7 @@ def open_executor(name: str) -> Iterator[Executor]:
 
 
 def renewed(executor: Executor) -> Executor | None:
-    """Return a new pool with the settings of a broken process pool; None for other kinds of executors."""
+    """Return a new pool with the number of processes of a broken process pool; None for other kinds of executors."""
     kind = type(executor)
     if kind.__module__.partition(".")[0] == "loky":
         pool: Executor = importlib.import_module("loky").get_reusable_executor(getattr(executor, "_max_workers", None))
@@ -100,7 +100,7 @@ def renewed(executor: Executor) -> Executor | None:
 
 
 def is_lost_by_dask(error: BaseException) -> bool:
-    """Return whether `error` means that dask lost a task: dask then fails to unpack the empty answer."""
+    """Return whether an exception means that dask lost a task: dask then fails to unpack an empty answer."""
     trace = error.__traceback__
     while trace is not None and trace.tb_next is not None:
         trace = trace.tb_next
@@ -120,9 +120,9 @@ def _processes(count: int) -> Iterator[Executor]:
 
 
 def _end(executor: ProcessPoolExecutor) -> None:
-    """Shut down a pool; if a worker dies during the shutdown, terminate all workers of the pool.
+    """Shut down a process pool; if a worker dies during the shutdown, terminate all workers.
 
-    The dead worker may hold the lock of the common queue, and the pool would then wait for the other workers forever.
+    A dead worker may hold the lock of the queue of tasks, and the pool would then wait for the other workers forever.
     """
     workers = list((executor._processes or {}).values())
     closing = threading.Thread(target=executor.shutdown, name="resgrid ends its workers")
@@ -160,9 +160,10 @@ def _dask(address: str) -> Iterator[Executor]:
 
 
 class DaskExecutor(Executor):
-    """Executor of a dask scheduler that can report whether there are workers; `client`: client of the scheduler.
+    """Executor of a dask scheduler that can report whether workers are connected; `client`: client of the scheduler.
 
-    A scheduler without workers keeps its tasks forever, so that waiting for a result does not reveal the loss.
+    A dask scheduler without workers keeps its tasks forever, so that a result that does not arrive is no sign of a
+    loss.
     """
 
     def __init__(self, client: Any) -> None:
@@ -181,7 +182,7 @@ class DaskExecutor(Executor):
             return True
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Wait for the submitted calls, or cancel them with `cancel_futures` or without `wait`."""
+        """Wait for the submitted calls, unless `wait` is False or `cancel_futures` is True; then cancel them."""
         self._executor.shutdown(wait=wait and not cancel_futures)
 
 

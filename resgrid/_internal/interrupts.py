@@ -10,13 +10,14 @@ from contextlib import contextmanager
 
 @contextmanager
 def interrupts_deferred(wake: Callable[[], object] | None = None) -> Iterator[None]:
-    """Handle SIGINT and SIGTERM at the end of the block instead of inside it; without effect outside the main thread.
+    """Handle SIGINT and SIGTERM at the end of the block instead of inside it.
 
-    Python raises KeyboardInterrupt between any two instructions of the main thread, also where a library has just
-    acquired a lock: the lock is then never released, and other threads wait for it forever.
+    Outside the main thread this has no effect. Python raises KeyboardInterrupt between any two instructions of the main
+    thread, also where a library has just acquired a lock: the lock is then never released, and other threads wait for
+    it forever.
 
-    `wake`: called when a signal arrives, in the signal handler; it ends the waiting of the block.  Signals whose
-    default action applies, or that are ignored, are left alone.
+    `wake`: called in the signal handler when a signal arrives, to end a wait in the block; None if the block does not
+    wait. Signals that are ignored, or that end the process by default, keep their effect.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -43,7 +44,7 @@ def interrupts_deferred(wake: Callable[[], object] | None = None) -> Iterator[No
 
 @contextmanager
 def interrupts_ignored() -> Iterator[None]:
-    """Make processes that are started in the block ignore Ctrl-C; without effect outside the main thread."""
+    """Make processes that are started in the block ignore Ctrl-C; this has no effect outside the main thread."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

@@ -37,22 +37,22 @@ _SECONDS = 1.0
 """Target duration of a task in a worker, in seconds."""
 
 _SECONDS_ALONE = 0.2
-"""Target duration of a task without an executor, in seconds; limits the wasted work if the iterator is closed early."""
+"""Target duration of a task without an executor, in seconds; it limits the wasted work if iteration stops early."""
 
 _FIRST_WINDOW, _MAX_WINDOW = 4, 4096
 """Initial and maximum number of tasks that are submitted to the executor at one time (the window)."""
 
 _AHEAD = 16
-"""Maximum number of finished results that wait for an earlier task, in multiples of the tasks submitted at one time."""
+"""Maximum number of finished tasks that wait for an earlier one, as a multiple of the number of submitted tasks."""
 
 _MAX_DEATHS = 3
-"""Number of worker deaths during a task at which the task fails; after one death less no other task runs beside it."""
+"""Number of worker deaths during a task at which the task fails; after one death fewer, the task runs alone."""
 
 _SECONDS_WITHOUT_WORKERS = 300.0
-"""Waiting time for a new worker after all workers of a dask scheduler have gone, in seconds; then the job fails."""
+"""Time in seconds after the last worker of a dask scheduler has gone at which the job fails."""
 
 _SECONDS_BETWEEN_COUNTS = 5.0
-"""Waiting time for a result before the workers of a dask scheduler are counted, in seconds."""
+"""Time in seconds without a result after which the workers of a dask scheduler are counted."""
 
 _LOST = frozenset({"WorkerLost", "ManagerLost"})
 """Class names of the parsl exceptions that report the death of a worker."""
@@ -219,7 +219,7 @@ class _Chunker:
 
 
 class _Scheduler:
-    """Submits the tasks that `chunker` forms to an executor, and stores results until all earlier results are known."""
+    """Submits the tasks that `chunker` forms to an executor, and keeps results until all earlier results are known."""
 
     def __init__(self, executor: Executor, chunker: _Chunker) -> None:
         self._executor, self._is_own, self._chunker = executor, False, chunker
@@ -241,7 +241,7 @@ class _Scheduler:
                 yield from found
 
     def _advance(self) -> bool:
-        """Submit tasks and receive finished ones; return False if there are none; handle interrupts afterwards."""
+        """Submit tasks and receive finished ones; return False if no task is left; handle interrupts at the end."""
         with interrupts_deferred(wake=lambda: self._finished.put(None)):
             if not self._fill():
                 return False
@@ -253,7 +253,7 @@ class _Scheduler:
         return True
 
     def _next_finished(self) -> Future[Any] | None:
-        """Wait for a finished task, and return its future, or None after an interrupt.
+        """Wait for a finished task, and return its future, or None after Ctrl-C or SIGTERM.
 
         Raise WorkerError if all workers of a dask scheduler have gone; wait for the first worker without a limit.
         """
@@ -274,7 +274,10 @@ class _Scheduler:
                 )
 
     def _fill(self) -> bool:
-        """Submit tasks up to the limit, 1 after two worker deaths during a task; return whether any is unfinished."""
+        """Submit tasks until the window is full; return whether any submitted task is unfinished.
+
+        The window is 1 if two workers have died during a task.
+        """
         is_suspect = any(task.deaths >= _MAX_DEATHS - 1 for task in (*self._retries, *self._submitted.values()))
         window = 1 if is_suspect else self._window
         while len(self._submitted) < window:
@@ -334,7 +337,7 @@ class _Scheduler:
         self._retries = deque(sorted(self._retries, key=lambda task: task.number))
 
     def _renew(self, error: BaseException) -> None:
-        """Replace a process pool that broke (`error`), and retry its tasks; raise WorkerError for other executors."""
+        """Replace a pool that broke (exception `error`) and retry its tasks; raise WorkerError for other executors."""
         wait(self._submitted)
         for future in list(self._submitted):
             if future.done() and future.exception() is not None and isinstance(future.exception(), BrokenExecutor):

@@ -26,9 +26,10 @@ class SharedData:
 
 
 def packed(shared: Any, folder: Path) -> SharedData:
-    """Pickle the shared data of a part into a file; return its hash and path; raise InputError if pickling fails.
+    """Pickle the shared argument of a job part into a file, and return its hash and path.
 
-    `shared`: the data; `folder`: folder of the file, which is named after the hash.
+    `shared`: the argument; `folder`: folder of the file, which is named after the hash. Raises InputError if the
+    argument cannot be pickled.
     """
     try:
         data = pickle.dumps(shared, protocol=5)
@@ -44,5 +45,8 @@ def packed(shared: Any, folder: Path) -> SharedData:
 
 @lru_cache(maxsize=4)
 def unpacked(packed: SharedData) -> Any:
-    """Return the unpickled shared data, cached in the worker; raise OSError if the file of the data cannot be read."""
+    """Return the shared argument of a job part, which is then cached in the worker process.
+
+    Raises OSError if the file of the argument cannot be read.
+    """
     return pickle.loads(Path(packed.path).read_bytes() if packed.data is None else packed.data)

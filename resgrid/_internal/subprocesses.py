@@ -8,9 +8,10 @@ import subprocess
 
 
 def kill_session(process: subprocess.Popen[bytes] | subprocess.Popen[str]) -> None:
-    """Kill a process, and its children where it has a session of its own; do nothing if it has ended.
+    """Kill a process and its child processes; do nothing if the process has ended.
 
-    `process`: started with ``start_new_session=True``.  On Windows, which has no sessions, its children are left.
+    `process`: started with ``start_new_session=True``. On Windows, which has no sessions, the child processes are not
+    killed.
     """
     if process.poll() is not None:
         return

@@ -42,7 +42,8 @@ class Limit:
     share : Proportion
         Yield at `value`, or at the ideal value where `value` is None.
     beyond : float, int or None
-        The next worse candidate after `value`; None after the last candidate.
+        The next worse candidate after `value`; None if `value` is the last candidate, and where the yield at the ideal
+        value misses the target.
     beyond_share : Proportion or None
         Yield at `beyond`, below the target; None if there is no next candidate.
     sure, possible : float, int or None

@@ -298,7 +298,7 @@ class _Change:
     def voltages(self, siemens: float) -> NDArray[np.float64] | None:
         """Return the node voltages in volts, shape (nodes,), when the resistor has the conductance `siemens`.
 
-        Returns None where the circuit without the resistor is singular, or nearly so.
+        Returns None if the circuit with this conductance is singular, or nearly so (see `_BRIDGE`).
         """
         delta = siemens - float(self.rows.netlist.conductance[self.element])
         rest = 1.0 + delta * self._across(self.z)

@@ -145,6 +145,7 @@ def last_outside(
 Integers = NDArray[np.int64]
 
 _UNKNOWN, _REACHED, _LOST, _WALKING = 0, 1, 2, 3
+"""States of a cell: not visited, on a walk that reaches a goal, on one that does not, on the present walk."""
 
 
 @inner
@@ -169,9 +170,9 @@ def lowest_neighbours(
     Among equal readings the first is taken.  `height` (cells,): voltage above the lower end of the converter's range,
     as a fraction of the range; `noise` (cells,): standard deviation of one measurement of `height`; `draw` (cells, 2
     ndim + 1): standard normal numbers for the readings of the neighbours and, last, of the cell itself, without rows if
-    there is no noise; `steps`: number of steps of the range, 0 without a converter; `falling`: 1, or -1 where the goal
-    rail lies above the obstacle rail; `around` (cells, 2 ndim): flat indices of the neighbours, -1 for none;
-    `following` (cells,): output array, flat indices of the lowest neighbours.
+    there is no noise; `steps`: number of steps of the range, 0 without a converter; `falling`: factor of the readings
+    before they are compared: 1, or -1 if the goal rail lies above the obstacle rail; `around` (cells, 2 ndim): flat
+    indices of the neighbours, -1 for none; `following` (cells,): output array, flat indices of the lowest neighbours.
     """
     last = around.shape[1]
     noisy = len(draw) > 0

@@ -24,7 +24,7 @@ DIGITAL_ENERGY = 1.5e-6
 for 2-D/3-D Autonomous Navigation of Microrobots", 2M gates, 3.65 mm^2, 0.9 V, 200 MHz).
 """
 DIGITAL_TIME = 1e-3
-"""Upper bound of the time of one plan of that processor, in seconds."""
+"""Upper bound of the time of one plan of the processor of `DIGITAL_ENERGY`, in seconds."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -34,14 +34,14 @@ class PlanEnergy(Result):
     Attributes
     ----------
     bits : int
-        Resolution of the converter.
+        Resolution of the converter, in bits.
     conversions : int
         Number of conversions: for each cell of the path but the goal, one for the cell and one for each of its free or
         goal neighbours.  The mean over all starts, rounded up, if the scene has no start.
     conversion_energy : float or None
-        Energy of one conversion in joules; None without a figure of merit.
+        Energy of one conversion in joules; None without a figure of merit of the converter.
     settling_energy, settle_time : float
-        Energy in joules that the sources deliver until the grid has settled, and this time in seconds.
+        Energy in joules that the sources deliver until the grid has settled, and settling time in seconds.
     power : float
         Power of the settled grid, in watts.
     conversion_time : float or None
@@ -78,17 +78,17 @@ class PlanEnergy(Result):
 
     @property
     def supply_energy(self) -> float:
-        """Energy of the settled grid during the conversions, in joules."""
+        """Energy that the settled grid dissipates during the conversions, in joules."""
         return self.power * self.readout_time
 
     @property
     def total(self) -> float:
-        """Energy of the plan, in joules."""
+        """Energy of the plan in joules: settling, conversions, and supply during the conversions."""
         return self.settling_energy + self.supply_energy + self.readout_energy
 
     @property
     def time(self) -> float:
-        """Time of the plan, in seconds."""
+        """Time of the plan in seconds: settling time plus time of all conversions."""
         return self.settle_time + self.readout_time
 
     @property
@@ -114,8 +114,9 @@ def analyse_plan_energy(
 ) -> PlanEnergy:
     """Return the energy and time of one plan.
 
-    `settling`: settling of the chip; `resolution`: converter resolution of the chip, whose steps give the paths;
-    `readout`: description of the read-out; `starts`: cells of the starts, the mean over all starts if empty.
+    `settling`: settling of the chip; `resolution`: required converter resolution of the chip, which contains the
+    robot's next cell in every cell; `readout`: description of the converter; `starts`: cells of the starts; if empty,
+    the mean over all free cells with a path is taken.
     """
     counts = readings_from(resolution, settling.netlist.cells)
     space = resolution.space
@@ -129,10 +130,11 @@ def analyse_plan_energy(
 
 
 def readings_from(resolution: ADCResolution, cells: CellMap) -> NDArray[np.float64]:
-    """Return the number of readings on the ideal path from every cell, shape of the space; infinite without a path.
+    """Return the number of readings on the ideal path from every cell, in the shape of the space.
 
-    The path steps to the neighbour of lowest voltage; each cell before the goal needs one reading, and one for each of
-    its free or goal neighbours.  `resolution`: gives the steps; `cells`: map of the cells of the chip.
+    It is infinite without a path. The ideal path steps to the neighbour of lowest voltage. Each cell before the goal
+    needs one reading of its own and one for each free or goal neighbour. `resolution`: contains the next cell of every
+    cell; `cells`: map of the chip's cells.
     """
     neighbours = neighbours_of(cells)
     readings = 1.0 + (neighbours.around >= 0).sum(axis=1)
@@ -148,7 +150,7 @@ def readings_from(resolution: ADCResolution, cells: CellMap) -> NDArray[np.float
 def energy_sentences(result: PlanEnergy, readout: Readout, shape: Sequence[int]) -> list[str]:
     """Return sentences on the energy of a plan, compared with a published digital processor.
 
-    `result`: energy of the plan; `readout`: description of the read-out; `shape`: number of cells along each axis.
+    `result`: energy of the plan; `readout`: description of the converter; `shape`: number of cells along each axis.
     """
     parts = (
         f"{formatted(result.settling_energy, 'J')} until the grid has settled, {formatted(result.supply_energy, 'J')} "

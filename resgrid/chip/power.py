@@ -111,11 +111,11 @@ class Power(Result):
 
     @property
     def largest_droop(self) -> float:
-        """Largest droop of an obstacle or goal cell, in volts; 0 where these cells have no nodes of their own."""
+        """Largest magnitude of the droop of an obstacle or goal cell, in volts; 0 if these cells have no own nodes."""
         return float(np.nanmax(np.abs(self.droop))) if np.isfinite(self.droop).any() else 0.0
 
     def worst(self, count: int = _WORST) -> NDArray[np.int64]:
-        """Return the numbers of the hottest resistors, hottest first.
+        """Return the numbers of the linear resistors with the largest heat, hottest first.
 
         Parameters
         ----------

@@ -146,9 +146,9 @@ class Sensitivity(Result):
 
 
 def voltage_sensitivity(op: OperatingPoint, weights: ArrayLike) -> NDArray[np.float64]:
-    """Return the derivatives of ``c .
+    """Return the derivatives of a weighted sum of voltages by the natural log of every resistance, shape (resistors,).
 
-    V`` with respect to the natural log of every resistance, in volts, shape (resistors,).
+    The sum is ``c V``; the derivatives are in volts.
 
     `op`: operating point, with node voltages ``V``; `weights` (nodes,): ``c``.  Nonlinear resistors follow the linear
     ones. Derivatives below their error bound are 0.  Raises InputError for weights of another shape, infinite weights,
@@ -256,9 +256,7 @@ class Adjoint:
     height: NDArray[np.float64]
 
     def derivatives(self, c: NDArray[np.float64]) -> tuple[NDArray[np.int8], NDArray[np.float64]]:
-        """Return the derivatives of ``c .
-
-        V`` with respect to the natural log of every resistance, as signs and logarithms.
+        """Return the derivatives of the sum ``c V`` by the natural log of every resistance, as signs and logarithms.
 
         `c` (nodes,): weights of the node voltages ``V``.  Returns the sign (-1, 0 or 1) and the natural logarithm of
         the magnitude in volts, each of shape (resistors,).  Raises AccuracyError if an error may exceed 1e-5 of the

@@ -295,7 +295,7 @@ def _walk_back(
 
 
 def _curve(motion: Motion, deviation: Floats, first: float, last: float) -> tuple[Floats, Floats]:
-    """Return the settling curve: times in seconds, shape (t,), and the largest deviation at each of them, shape (t,).
+    """Return the settling curve: times in seconds, and the largest magnitude of a deviation at each, shape (t,) each.
 
     The times are 0 and a geometric sequence from `first` to `last` (seconds).  `motion`: deviations as a sum of
     exponentials; `deviation` (n,): voltages at time 0 minus their final values, in the unit of the result.

@@ -131,7 +131,10 @@ class Modes:
 
 
 def all_modes(dynamics: Dynamics) -> Modes:
-    """Compute all modes of a circuit with at most a few hundred rows by dense linear algebra; return them as Modes."""
+    """Compute all modes of a circuit by dense linear algebra, in a time proportional to the cube of the number of rows.
+
+    Returns them as Modes.  `dynamics`: equations of a circuit with at most a few hundred rows (unknown voltages).
+    """
     from scipy.linalg import solve_triangular
     from scipy.linalg.lapack import dgejsv
 

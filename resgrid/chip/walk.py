@@ -59,8 +59,8 @@ class Converter:
 
     `low, span`: lower end and width of the range, in volts; `steps`: number of steps of the range, ``2**bits``, 0 for a
     read-out without quantization; `offset`: standard deviation of the constant offsets of the cells, as a fraction of
-    the range; `noise` (cells,): standard deviation of one measurement, as a fraction of the range; `falling`: 1, or -1
-    where the goal rail lies above the obstacle rail.
+    the range; `noise` (cells,): standard deviation of one measurement, as a fraction of the range; `falling`: factor of
+    the readings before the lowest is chosen: 1, or -1 if the goal rail lies above the obstacle rail.
     """
 
     low: float

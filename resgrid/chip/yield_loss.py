@@ -46,9 +46,9 @@ without it.
 """
 
 _MOST_TRIALS, _LEAST_TRIALS, _CELLS = 400, 16, 2**18
-"""Default number of chips: maximum, minimum, and number of cells of all chips together (about 260,000), which reduces
-the number of chips on larger grids.
+"""Default number of chips: maximum, minimum, and approximate number of cells of all chips together (262,144).
 
+The number of chips is the third value divided by the number of cells of a chip, within the two limits.
 At least 381 chips without a failure are needed for a Wilson interval at 95 % that lies above 99 %.
 """
 _BISECTED = 10

@@ -43,8 +43,8 @@ class PairCurrents:
         Current through every node, in amperes: the larger of the currents into the node and out of it through
         resistors.  Nodes that a wire or a voltage source joins have the current through all of them together.
     point : OperatingPoint
-        Operating point of the circuit with 1 V between the terminals, in which one node of the second terminal is node
-        0.  It contains the error bounds.
+        Operating point of an auxiliary circuit with 1 V between the terminals, in which a node of the second terminal
+        is exchanged with node 0.  It contains the error bounds of the solution.
 
     Examples
     --------
@@ -83,7 +83,7 @@ def pair_currents(
 
     The circuit is solved with 1 V between the terminals, and the result is scaled to the current.  Two known voltages
     drive the circuit, so that voltages and currents have the componentwise accuracy of `resgrid.solve`.  Independent
-    sources are set to zero, as for `resgrid.effective_resistance`.
+    sources are set to zero: a voltage source is a wire, a current source is open.
 
     Parameters
     ----------
@@ -138,10 +138,11 @@ def pair_currents(
 def currents_between_groups(
     netlist: Netlist, group: Nodes, high: int, low: int, *, amps: float = 1.0, method: str = "auto", threads: int = 1
 ) -> PairCurrents:
-    """Return the currents between two different groups of joined nodes.
+    """Return voltages and currents while a current flows between two different groups of joined nodes.
 
-    `group` (nodes,): group of every node; `high`, `low`: groups of the first and the second terminal; `amps`: current
-    from the first to the second, in amperes.  Raises CircuitError if no resistors connect the groups.
+    `group` (nodes,): number of the group of joined nodes of every node; `high`, `low`: groups of the first and the
+    second terminal; `amps`: current from the first to the second, in amperes; `method`: method of the linear system;
+    `threads`: largest number of threads. Raises CircuitError if no resistors connect the groups.
     """
     driven, place = _driven(netlist, group, high, low)
     point = solve_linear(driven, accuracy="direction", method=method, rtol=1e-10, threads=threads)
@@ -169,9 +170,10 @@ def currents_between_groups(
 
 
 def through_nodes(ends: NDArray[Any], current: NDArray[np.float64], count: int) -> NDArray[np.float64]:
-    """Return the larger of the currents into every node and out of it, in amperes, (count,).
+    """Return the current through every node in amperes, (count,): the larger of those into and out of the node.
 
-    `ends` (m, 2): nodes of the resistors; `current` (m,): current from the first node to the second.
+    `ends` (m, 2): nodes of the resistors; `current` (m,): current from the first to the second node in amperes;
+    `count`: number of nodes.
     """
     forward, backward = np.maximum(current, 0.0), np.maximum(-current, 0.0)
     out = np.bincount(ends[:, 0], forward, count) + np.bincount(ends[:, 1], backward, count)
@@ -180,9 +182,10 @@ def through_nodes(ends: NDArray[Any], current: NDArray[np.float64], count: int) 
 
 
 def _driven(netlist: Netlist, group: Nodes, high: int, low: int) -> tuple[Netlist, Nodes]:
-    """Return the circuit with 1 V between two groups, and the number of every node in this circuit, (nodes,).
+    """Return a circuit with 1 V between two groups of nodes, and the number of every original node in it, (nodes,).
 
-    One node of the group `low` swaps its number with ground.  `group` (nodes,): group of every node.
+    One node of the group `low` exchanges its number with ground. `group` (nodes,): group of joined nodes of every node;
+    `high`, `low`: groups at 1 V and 0 V.
     """
     count = netlist.node_count
     root = int(np.flatnonzero(group == low)[0])

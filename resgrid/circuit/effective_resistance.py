@@ -27,7 +27,7 @@ from resgrid.core.netlist import Netlist
 from resgrid.errors import InputError
 
 Joined = Literal["pair", "all"]
-"""Regions that are joined during a measurement: those of the measured pair, or all."""
+"""Regions whose nodes an ideal wire joins during a measurement: those of the measured pair, or of all terminals."""
 
 
 @frozen
@@ -48,9 +48,9 @@ class EffectiveResistance:
     resistance : ndarray of float64, shape (pairs,)
         Effective resistance of every pair in ohms: 0 for joined terminals, infinite between different components.
     error : float
-        Bound on the relative error of every finite resistance; infinite without a proof.
+        Bound on the relative error of every finite resistance; infinite if the solver gives no bound.
     method : str
-        Method of the linear solves: ``"direct"``, ``"multigrid"``, or ``"none"`` without inner nodes.
+        Method of the linear solves: ``"direct"``, ``"multigrid"``, or ``"none"`` if all nodes are terminals.
     matrix : ndarray of float64, shape (terminals, terminals)
         Effective resistances of all pairs in ohms, symmetric, 0 on the diagonal; NaN for pairs that were not asked for.
 
@@ -83,7 +83,7 @@ class EffectiveResistance:
 
     @property
     def matrix(self) -> NDArray[np.float64]:
-        """Effective resistances of all pairs in ohms, shape (terminals, terminals); NaN for pairs not asked for."""
+        """Effective resistances in ohms, symmetric, shape (terminals, terminals); NaN for pairs not asked for."""
         count = len(self.terminals)
         matrix = np.full((count, count), np.nan)
         matrix[tuple(self.pairs.T)] = matrix[tuple(self.pairs.T[::-1])] = self.resistance
@@ -107,9 +107,9 @@ class ReducedNetwork:
     conductance : ndarray of float64, shape (terminals, terminals)
         Conductance between every two terminals in siemens, symmetric, 0 on the diagonal.
     error : float
-        Bound on the relative error of every conductance; infinite without a proof.
+        Bound on the relative error of every conductance; infinite if the solver gives no bound.
     method : str
-        Method of the linear solves: ``"direct"``, ``"multigrid"``, or ``"none"`` without inner nodes.
+        Method of the linear solves: ``"direct"``, ``"multigrid"``, or ``"none"`` if all nodes are terminals.
 
     Examples
     --------
@@ -138,7 +138,8 @@ class _Options(NamedTuple):
     """Options of the linear solves.
 
     `method`: ``"auto"``, ``"direct"`` or ``"multigrid"``; `threads`: largest number of threads of one solve;
-    `executor`: workers that share terminals or pairs, or None; `progress`: called after every solve, or None.
+    `executor`: workers that share terminals or pairs, None for this process; `progress`: called as ``progress(done,
+    total)`` after every solve, or None.
     """
 
     method: str
@@ -183,7 +184,7 @@ def effective_resistance(
     method : {"auto", "direct", "multigrid"}
         Method for the linear systems; ``"auto"`` chooses by size and shape.
     threads : int
-        Largest number of threads of one solve; as for `resgrid.solve`.
+        Largest number of threads of one linear solve in one process.
     executor : concurrent.futures.Executor, optional
         Workers that share the right-hand sides (and the pairs with regions).
     progress : callable, optional
@@ -249,14 +250,14 @@ def reduce_network(
     """Return the network between some terminals that is equivalent to a circuit (Kron reduction).
 
     The currents into the terminals are the same functions of the terminal voltages in both circuits.  Independent
-    sources are set to zero, as for `resgrid.effective_resistance`.
+    sources are set to zero: a voltage source is a wire, a current source is open.
 
     Parameters
     ----------
     netlist : Netlist or Circuit
         Circuit of linear resistors.
     terminals : sequence
-        Nodes, names or regions, as for `resgrid.effective_resistance`; all regions are joined.
+        Node numbers, node names, or regions: lists of nodes or masks, whose nodes are joined by ideal wires.
     cells : bool
         Whether terminals are cells of the compiled space.
     method : {"auto", "direct", "multigrid"}
@@ -320,9 +321,9 @@ def reduce_network(
 def _share_factors(
     netlist: Netlist, ends: tuple[Nodes, ...], pairs: NDArray[np.int64], options: _Options
 ) -> tuple[NDArray[np.float64], float, str]:
-    """Return resistances (p,), the bound on their relative error and the method, from a single factorization.
+    """Return resistances (p,) in ohms, the bound on their relative error and the method, from a single factorization.
 
-    `ends`: nodes of every terminal, all of which are joined; `pairs` (p, 2): terminals of every pair.
+    `ends`: nodes of every terminal, which ideal wires join; `pairs` (p, 2): indices of both terminals of every pair.
     """
     group = joined_nodes(netlist, ends)
     groups, number = np.unique([group[nodes[0]] for nodes in ends], return_inverse=True)
@@ -334,10 +335,10 @@ def _share_factors(
 def _pair_by_pair(
     netlist: Netlist, ends: tuple[Nodes, ...], pairs: NDArray[np.int64], options: _Options
 ) -> tuple[NDArray[np.float64], float, str]:
-    """Return resistances (p,), the bound on their relative error and the method; only the regions of a pair are joined.
+    """Return resistances (p,) in ohms, a bound on their relative error and the method, with one pair joined at a time.
 
-    `ends`: nodes of every terminal; `pairs` (p, 2): terminals of every pair.  The pairs of single nodes share one
-    factorization.
+    `ends`: nodes of every terminal; `pairs` (p, 2): indices of both terminals of every pair. The pairs of single nodes
+    share one factorization.
     """
     single = np.array([len(nodes) == 1 for nodes in ends])
     simple = single[pairs].all(axis=1)
@@ -364,7 +365,10 @@ def _pair_by_pair(
 def _resistances_of(
     options: _Options, netlist: Netlist, pairs: Sequence[tuple[Nodes, Nodes]]
 ) -> list[tuple[float, float, str]]:
-    """Return the resistance in ohms, the bound on its relative error and the method, for pairs of regions."""
+    """Return the resistance in ohms, the bound on its relative error and the method, for each of some pairs.
+
+    `pairs`: node numbers of both terminals of each pair, which ideal wires join.
+    """
     results = []
     for pair in pairs:
         (ohms,), error, name = _share_factors(netlist, pair, np.array([[0, 1]]), options)

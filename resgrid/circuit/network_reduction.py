@@ -3,13 +3,13 @@
 The terminals are tied to rails, and the voltage of one rail at a time is 1 V.  With the voltages ``x`` of the inner
 nodes for terminal ``i`` at 1 V, the conductance of the reduced network between terminals ``i`` and ``j`` is the current
 into terminal ``j``, ``g_ij + sum_m g_jm x_m`` (Dorfler & Bullo 2013).  All terms are positive and all voltages have a
-small relative error (`resgrid.solvers.factors`), so that every conductance has one, whatever its size.  One
-factorization serves all terminals.
+small relative error (`resgrid.solvers.factors`), so that every conductance has a small relative error, whatever its
+size.  One factorization serves all terminals.
 
 A relative error of at most ``e`` in every conductance changes an effective resistance by at most ``e``, because
 effective resistances are monotone in conductances (Rayleigh 1871) and have degree -1.  The elimination of a node from
-the reduced network (`resgrid.circuit.resistance_kernels`) is exact except for the rounding of conductances, so that
-these errors add up to at most a few roundings per node.
+the reduced network (`resgrid.circuit.resistance_kernels`) only rounds the remaining conductances, and these errors add
+up to at most a few roundings per eliminated node.
 """
 
 from __future__ import annotations
@@ -37,23 +37,26 @@ from resgrid.solvers.refinement import is_answer
 from resgrid.solvers.threads import ThreadTeam
 
 Count = Callable[[int, int], None]
-"""Function that is called with the number of finished steps and the number of all steps."""
+"""Progress callback, called with the number of finished steps and the total number of steps."""
 
 _ROUNDINGS = 8.0 * np.finfo(np.float64).eps
-"""Relative error of the conductances when one node is eliminated, or one sum of currents is computed."""
+"""Bound on the relative error that rounding adds to a conductance when a node is eliminated or currents are summed."""
 
 _MANY_SOLVES, _MOST_FILL = 8, 120.0
-"""Number of right-hand sides from which factors are preferred to iterations, and their largest entries per row."""
+"""Limits for the direct method: least number of right-hand sides, and most entries of the factors per row.
+
+Method "auto" uses iterations for fewer right-hand sides or fuller factors.
+"""
 
 _LEAF = 16
-"""Number of nodes of a network up to which the resistance of every pair is computed by an elimination of its own."""
+"""Largest number of nodes of a network whose resistances are computed by a separate elimination for every pair."""
 
 
 class Contacts(NamedTuple):
-    """Resistors between inner nodes and terminals.
+    """Resistors between inner nodes (nodes outside all terminals) and terminals.
 
-    `row`, `terminal` (c,): row of the inner node, and number of the terminal; `conductance` (c,): in siemens; `size`,
-    `terminals`: numbers of rows and of terminals.
+    `row`, `terminal` (c,): matrix row of the inner node, and number of the terminal; `conductance` (c,): in siemens;
+    `size`: number of matrix rows; `terminals`: number of terminals.
     """
 
     row: NDArray[np.int32]
@@ -67,8 +70,8 @@ class Contacts(NamedTuple):
 class Reduction:
     """Conductances between terminals, and their accuracy.
 
-    `conductance` (k, k): symmetric conductances in siemens, 0 on the diagonal; `error`: bound on their relative error;
-    `method`: method of the linear solves, ``"none"`` without inner nodes.
+    `conductance` (k, k): symmetric conductances in siemens, 0 on the diagonal; `error`: bound on their relative error,
+    infinite if the solver gives no bound; `method`: method of the linear solves, ``"none"`` if all nodes are terminals.
     """
 
     conductance: NDArray[np.float64]
@@ -86,11 +89,12 @@ def reduce_to_groups(
     executor: Executor | None = None,
     progress: Count | None = None,
 ) -> Reduction:
-    """Return the reduced network of a circuit between groups of joined nodes.
+    """Return the conductances of the reduced network of a circuit between groups of joined nodes.
 
-    `group` (nodes,): group of every node; `terminals` (k,): different groups that are terminals; `method`: ``"auto"``,
-    ``"direct"`` or ``"multigrid"``; `threads`: largest number of threads of one solve; `executor`: workers that share
-    the terminals; `progress`: called after every terminal.
+    `group` (nodes,): number of the group of joined nodes of every node; `terminals` (k,): different groups that are
+    terminals; `method`: ``"auto"``, ``"direct"`` or ``"multigrid"``; `threads`: largest number of threads of one solve;
+    `executor`: workers that share the terminals, None for this process; `progress`: called as ``progress(done, total)``
+    after every terminal. Raises AccuracyError if the accuracy is not reached.
     """
     check_method(method)
     count = len(terminals)
@@ -125,9 +129,9 @@ def reduce_to_groups(
 def _factor(laplacian: Laplacian, method: str, solves: int, team: ThreadTeam) -> Factor:
     """Return the factors of a matrix for several right-hand sides.
 
-    `method`: ``"auto"``, ``"direct"`` or ``"multigrid"``; `solves`: number of right-hand sides: for many of them,
-    ``"auto"`` chooses the direct method, which repeats only its substitutions, unless its factors have many entries;
-    `team`: threads.
+    `method`: ``"auto"``, ``"direct"`` or ``"multigrid"``; `solves`: number of right-hand sides; `team`: threads. For at
+    least `_MANY_SOLVES` right-hand sides, "auto" chooses the direct method, which factorizes once, unless its factors
+    have more than `_MOST_FILL` entries per row.
     """
     from resgrid.solvers.symbolic import order_by_fill
 
@@ -143,7 +147,7 @@ def _factor(laplacian: Laplacian, method: str, solves: int, team: ThreadTeam) ->
 
 
 def _between_terminals(netlist: Netlist, terminal: NDArray[np.int32], count: int) -> NDArray[np.float64]:
-    """Return the conductance of the resistors between every two terminals, in siemens, (k, k).
+    """Return the conductance between every two terminals by direct resistors, in siemens, upper triangle of (k, k).
 
     `terminal` (nodes,): terminal of every node, -1 for inner nodes; `count`: number k of terminals.
     """
@@ -157,10 +161,10 @@ def _between_terminals(netlist: Netlist, terminal: NDArray[np.int32], count: int
 def _inner_network(
     netlist: Netlist, group: Nodes, terminal: NDArray[np.int32], count: int
 ) -> tuple[Laplacian, Contacts]:
-    """Return the matrix of the inner nodes that a terminal can reach, and their contacts with terminals.
+    """Return the matrix of the inner nodes that are connected to a terminal, and their contacts with terminals.
 
-    `group` (nodes,): group of joined nodes of every node; `terminal` (nodes,): terminal of every node, -1 for inner
-    nodes; `count`: number of terminals.
+    `group` (nodes,): number of the group of joined nodes of every node; `terminal` (nodes,): terminal of every node, -1
+    for inner nodes; `count`: number of terminals. A group of joined inner nodes is one row of the matrix.
     """
     ends, conductance = netlist.resistor_nodes, netlist.conductance
     inner, reached = terminal < 0, _reached(netlist, group, terminal)
@@ -186,12 +190,12 @@ def _inner_network(
 
 
 def _has_joined(group: Nodes) -> bool:
-    """Return whether two nodes have the same group; `group` (nodes,): group of every node, numbered from 0."""
+    """Return whether any two nodes have the same group; `group` (nodes,): group of every node, numbered from 0."""
     return int(group.max()) + 1 < len(group)
 
 
 def _reached(netlist: Netlist, group: Nodes, terminal: NDArray[np.int32]) -> NDArray[np.bool_]:
-    """Return whether a terminal is in the connected component of a node, (nodes,).
+    """Return the mask (nodes,) of nodes whose connected component contains a terminal.
 
     `group` (nodes,): group of joined nodes of every node; `terminal` (nodes,): terminal of every node, -1 for inner
     nodes.
@@ -209,11 +213,11 @@ def _reached(netlist: Netlist, group: Nodes, terminal: NDArray[np.int32]) -> NDA
 
 
 def _currents_of(shared: tuple[Factor, Contacts], numbers: range) -> list[tuple[NDArray[np.float64], float, float]]:
-    """Return for every terminal at 1 V, with all others at 0 V: currents into the others through inner nodes.
+    """Return, for each of some terminals, the currents into the other terminals when it is at 1 V and they are at 0 V.
 
-    `shared`: factors of the matrix of the inner nodes, and contacts; `numbers`: numbers of the terminals.  Each result
-    consists of the currents in amperes, (k,), the bound on the relative error of the inner voltages, and their
-    componentwise backward error.
+    `shared`: factors of the matrix of the inner nodes, and contacts; `numbers`: numbers of the terminals. Each result
+    consists of the currents through inner nodes in amperes, (k,), the bound on the relative error of the inner
+    voltages, and the componentwise backward error of these voltages.
     """
     factor, contacts = shared
     results = []
@@ -236,9 +240,9 @@ def _currents_of(shared: tuple[Factor, Contacts], numbers: range) -> list[tuple[
 def resistances_between(conductance: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the effective resistance between every two nodes of a dense network, in ohms, (k, k).
 
-    `conductance` (k, k): symmetric conductances in siemens.  Nodes are eliminated without subtractions.  Divide and
-    conquer (the nodes of one half are eliminated once for all pairs of the other half) takes about ``3 k**3``
-    operations.
+    It is infinite between nodes that are not connected. `conductance` (k, k): symmetric conductances in siemens. Nodes
+    are eliminated without subtractions. Divide and conquer (the nodes of one half are eliminated once for all pairs of
+    the other half) takes about ``3 k**3`` operations.
     """
     count = len(conductance)
     resistance = np.zeros((count, count))
@@ -253,7 +257,11 @@ def resistances_between(conductance: NDArray[np.float64]) -> NDArray[np.float64]
 
 
 def _within(network: NDArray[np.float64], nodes: NDArray[np.int64], out: NDArray[np.float64]) -> None:
-    """Write the resistances between all nodes of a network; `nodes` (k,): their rows in the array `out`."""
+    """Compute the effective resistances between all nodes of a network, and write them to `out`.
+
+    `network` (k, k): conductances; `nodes` (k,): index in `out` of every node; `out` (n, n): resistances, in units of 1
+    / conductance.
+    """
     from resgrid.circuit.resistance_kernels import without_nodes
 
     count = len(nodes)
@@ -267,9 +275,10 @@ def _within(network: NDArray[np.float64], nodes: NDArray[np.int64], out: NDArray
 
 
 def _across(network: NDArray[np.float64], half: int, nodes: NDArray[np.int64], out: NDArray[np.float64]) -> None:
-    """Write the resistances between the first `half` nodes of a network and the others.
+    """Compute the effective resistances between the first `half` nodes of a network and its other nodes.
 
-    Each half of the larger side is eliminated in turn.
+    `network` (k, k): conductances; `nodes` (k,): index in `out` of every node; `out` (n, n): array to which the
+    resistances are written. Each half of the larger of both sets is eliminated in turn.
     """
     from resgrid.circuit.resistance_kernels import without_nodes
 
@@ -287,7 +296,11 @@ def _across(network: NDArray[np.float64], half: int, nodes: NDArray[np.int64], o
 
 
 def _write_small(network: NDArray[np.float64], half: int, nodes: NDArray[np.int64], out: NDArray[np.float64]) -> None:
-    """Write the resistances of a small network, between the first `half` nodes and the others, or of all pairs."""
+    """Compute the effective resistances in a network of at most `_LEAF` nodes, and write them to `out`.
+
+    `network` (k, k): conductances; `half`: number of nodes on one side, whose resistances to the other nodes are
+    computed; 0 for all pairs; `nodes` (k,): index in `out` of every node; `out` (n, n): resistances.
+    """
     from resgrid.circuit.resistance_kernels import small_network_resistances
 
     found = np.zeros_like(network)

@@ -12,9 +12,9 @@ from resgrid.solvers.scaled import Floats, Integers
 def _eliminate_last(network: Floats, node: int) -> None:
     """Eliminate a node by the star-mesh transform, in place: ``g_ij += g_iv g_vj / sum_j g_vj``.
 
-    `network` (k, k): conductances, of which only the entries below the diagonal are used; `node`: number of the node,
-    after which all nodes are eliminated already.  The sum is compensated (Kahan 1965), so that every conductance gets a
-    relative error of a few roundings, whatever the number of nodes.
+    `network` (k, k): conductances, of which only the entries below the diagonal are used; `node`: index of the
+    eliminated node v; nodes with larger indices must be eliminated already. The sum is compensated (Kahan 1965), so
+    that the relative error of every conductance is a few rounding errors, whatever the number of nodes.
     """
     total, lost = 0.0, 0.0
     for j in range(node):
@@ -34,7 +34,8 @@ def _eliminate_last(network: Floats, node: int) -> None:
 def without_nodes(network: Floats, order: Integers, kept: int) -> Floats:
     """Return the symmetric conductances (kept, kept) of a network after the elimination of some of its nodes.
 
-    `network` (k, k): symmetric conductances; `order` (m,): different nodes of the network; the first `kept` ones stay.
+    `network` (k, k): symmetric conductances; `order` (m,): indices of different nodes. The first `kept` of them stay,
+    in this order, and the others are eliminated from the last to the first.
     """
     count = len(order)
     work = np.empty((count, count))
@@ -52,10 +53,11 @@ def without_nodes(network: Floats, order: Integers, kept: int) -> Floats:
 
 @kernel
 def small_network_resistances(network: Floats, first: int, work: Floats, resistance: Floats) -> None:
-    """Compute the resistances between the first nodes of a small network and its other nodes.
+    """Compute the effective resistances between the first nodes of a small network and its other nodes.
 
     `network` (k, k): symmetric conductances; `first`: number of first nodes, 0 for the resistances of all pairs; `work`
-    (k, k): work array; `resistance` (k, k): receives the resistances, infinite without a connection.
+    (k, k): scratch array; `resistance` (k, k): receives the resistances, in the inverse of the unit of `network`,
+    infinite without a connection; its other entries do not change.
     """
     count = len(network)
     for a in range(first if first > 0 else count - 1):

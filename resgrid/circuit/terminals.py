@@ -19,7 +19,7 @@ from resgrid.errors import InputError, suggestion
 Nodes = NDArray[np.int64]
 
 _MOST_NAMES = 5000
-"""Number of node names that are searched for a similar name."""
+"""Number of node names that are searched for a name similar to an unknown one, for the message."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,12 +34,15 @@ class TerminalReader:
 
     @cached_property
     def _number_of(self) -> dict[str, int]:
-        """Node number of every node name."""
+        """Number of every node by its name."""
         names = self.netlist.names_of(np.arange(self.netlist.node_count))
         return {name: node for node, name in enumerate(names)}
 
     def nodes(self, terminal: Any) -> Nodes:
-        """Return the sorted node numbers of a terminal; raise InputError if it has none, or one does not exist."""
+        """Return the sorted node numbers of a terminal; raise InputError if it has none, or a node does not exist.
+
+        `terminal`: a node number, a node name, a cell, a list of these, or a mask.
+        """
         found = self._in_cells(terminal) if self.cells else self._in_nodes(terminal)
         nodes = np.unique(np.asarray(found, dtype=np.int64))
         if not nodes.size:
@@ -106,9 +109,10 @@ class TerminalReader:
 def pairs_of(
     read: TerminalReader, pairs: Collection[Any] | None, terminals: Collection[Any] | None
 ) -> tuple[tuple[Nodes, ...], NDArray[np.int64]]:
-    """Return the different terminals, and the pairs (p, 2) as indices into them.
+    """Return the node numbers of the different terminals, and the pairs (p, 2) as indices into these terminals.
 
-    `read`: converts terminals to nodes; `pairs`, `terminals`: arguments of `effective_resistance`.
+    `read`: converts terminals to nodes; `pairs`, `terminals`: arguments of `effective_resistance`, of which exactly one
+    must be given.
     """
     if (pairs is None) == (terminals is None):
         raise InputError("give either pairs, such as [(0, 5)], or terminals, such as [0, 5, 7]")
@@ -136,10 +140,10 @@ def pairs_of(
 
 
 def joined_nodes(netlist: Netlist, regions: Iterable[Nodes] = ()) -> Nodes:
-    """Return the number of the group of every node, (nodes,); wires and voltage sources join the nodes of a group.
+    """Return the number of the group of joined nodes of every node, (nodes,).
 
-    `regions`: node numbers of every region that an ideal wire joins.  A voltage source counts as a wire, since
-    independent sources are set to zero.
+    Ideal wires and voltage sources join nodes to groups; a voltage source counts as a wire, since independent sources
+    are set to zero. `regions`: node numbers of every region that an ideal wire joins.
     """
     wires = [np.stack([region[:-1], region[1:]], axis=1) for region in regions]
     edges = np.concatenate([netlist.source_nodes.astype(np.int64), *wires])

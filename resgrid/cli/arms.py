@@ -18,17 +18,17 @@ if TYPE_CHECKING:
     from resgrid.planning.any_path import AnyPath
 
 CHECK_STEP = 0.002
-"""Largest motion of any point of the robot between two collision tests, in metres."""
+"""Largest motion of any point of the robot between two configurations that are tested for collisions, in metres."""
 
 CLEARANCE_STEP = 0.01
-"""Largest motion of any point of the robot between two distance computations, in metres."""
+"""Largest motion of any point of the robot between two configurations whose clearance is computed, in metres."""
 
 
 def verdict_data(job: Job) -> dict[str, Any]:
-    """Return the numbers of cells by verdict as a dictionary for JSON; empty for robots of the plane.
+    """Return the numbers of free, colliding and undecided cells as a dictionary for JSON.
 
-    With the sampling ``"centre"`` nothing is proven: the key ``proven`` is false, and free and colliding cells are
-    those whose centre is free or collides.
+    It is empty for robots of the plane. With the sampling ``"centre"`` nothing is proven: the key ``proven`` is false,
+    and free and colliding cells are those whose centre is free or collides.
     """
     if job.scene.robot.workspace_ndim != 3:
         return {}
@@ -45,7 +45,10 @@ def verdict_data(job: Job) -> dict[str, Any]:
 
 
 def verdict_lines(data: Mapping[str, Any]) -> Iterator[str]:
-    """Yield lines of text on the verdicts of cells; `data`: dictionary that contains the result of `verdict_data`."""
+    """Yield lines of text on the numbers of free, colliding and undecided cells.
+
+    `data`: dictionary that contains the result of `verdict_data`.
+    """
     verdicts = data.get("verdicts")
     if verdicts is None:
         return
@@ -61,9 +64,10 @@ def verdict_lines(data: Mapping[str, Any]) -> Iterator[str]:
 
 
 def check_route(job: Job, route: Route) -> Route:
-    """Return a route with the clearance of an arm in metres, and, for robots in space, with its first collision.
+    """Return a route with the clearance of an arm in metres, and for robots in space with its first collision.
 
-    Other robots, whose clearance in configuration space is a length already, and failed routes are returned unchanged.
+    Routes that reach no goal are returned unchanged, and so are routes of other robots, whose clearance in
+    configuration space is already a length.
     """
     scene = job.scene
     if scene.robot.base is None or not route.reached:
@@ -77,7 +81,7 @@ def check_route(job: Job, route: Route) -> Route:
 
 
 def check_routes(job: Job, routes: list[Route]) -> list[Route]:
-    """Return routes with clearances in metres and collisions; see `check_route`."""
+    """Return the routes with the clearances of an arm in metres, and for robots in space with first collisions."""
     if job.scene.robot.base is None:
         return routes
     checked = []
@@ -89,9 +93,9 @@ def check_routes(job: Job, routes: list[Route]) -> list[Route]:
 
 
 def timed_by_robot(job: Job, routes: list[Route]) -> list[Route]:
-    """Return shortened routes with times within the limits of the scene's robot.
+    """Return shortened routes with times within the velocity limits of the scene's robot.
 
-    Routes without a goal, and all routes of a robot without own limits, are returned unchanged.  If a joint that moves
+    Routes that reach no goal, and all routes of a robot without own limits, are returned unchanged. If a moving joint
     has no limit, a message says so, and the routes are shortened only.
     """
     if job.scene.robot.velocity_limits is None:
@@ -111,7 +115,7 @@ def timed_by_robot(job: Job, routes: list[Route]) -> list[Route]:
 
 
 def write_trajectories(folder: Path, routes: list[Route]) -> dict[str, str]:
-    """Write every timed route to files of its own; return the descriptions of the files by name."""
+    """Write every route with times to files of its own in `folder`; return descriptions of the files by file name."""
     from resgrid.planning.time_parameterization import Trajectory
 
     files = {}
@@ -130,5 +134,5 @@ def write_trajectories(folder: Path, routes: list[Route]) -> dict[str, str]:
 
 
 def collides(routes: list[Route]) -> bool:
-    """Return whether a tested path collides."""
+    """Return whether any path that was tested for collisions collides."""
     return any(route.collision is not None for route in routes)

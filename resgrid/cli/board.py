@@ -77,7 +77,12 @@ def command(
 
 
 def _tolerance(text: str) -> float:
-    """Return the tolerance of an option as a fraction; raise InputError unless it is between 0 and 50 %."""
+    """Return the tolerance in the text of the option ``--tolerance`` as a fraction, such as 0.01 for ``"1 %"``.
+
+    The text is a percentage with the sign ``%`` (``"1 %"``, ``"1%"``), or a fraction without it (``"0.01"``, also with
+    an SI prefix: ``"10m"``). Raises InputError for other texts, and unless the fraction is above 0 and at most 0.5:
+    ``"1"`` means 100 % and is refused.
+    """
     from resgrid.scene.quantities import parse_fraction
 
     try:
@@ -90,10 +95,10 @@ def _tolerance(text: str) -> float:
 
 
 def _kicad(asked: bool | None) -> KicadCli | None:
-    """Return kicad-cli; None if it is not wanted, or not installed and not asked for.
+    """Return kicad-cli; None if it is not wanted, or not installed and not demanded.
 
-    `asked`: whether kicad-cli is wanted, None if it is optional.  Raises ToolMissingError if it is asked for and is not
-    installed; otherwise a message states how to get it.
+    `asked`: True if kicad-cli is demanded, False if it is not wanted, None to use it if it is installed. Raises
+    ToolMissingError if it is demanded and not installed; otherwise a message states how to get it.
     """
     from resgrid.hardware.tools import find_kicad
 
@@ -109,7 +114,10 @@ def _kicad(asked: bool | None) -> KicadCli | None:
 
 
 def _report_ignored(job: Job) -> dict[str, list[str]]:
-    """Print the keys of the chip and the weights k that a board ignores; return ``{"ignored": keys}`` for JSON."""
+    """Print the keys of the chip that a board ignores; return ``{"ignored": keys}`` for JSON.
+
+    Raises InputError for a scene with several weights k, because a board is one circuit.
+    """
     from resgrid.chip.build import keys_not_held
 
     keys = [f"chip.{key}" for key in keys_not_held(job.scene.chip, "grid") if not key.startswith("readout.")]
@@ -146,7 +154,7 @@ def _write(board: rg.hardware.Board, work: Path, kicad: KicadCli | None) -> dict
 
 
 def _summary(board: rg.hardware.Board, job: Job) -> dict[str, Any]:
-    """Return the summary of a board for JSON, in SI units except for sizes in millimetres."""
+    """Return the summary of a board as a dictionary for JSON, in SI units except for sizes in millimetres."""
     bits = board.readout.bits or 0
     overall = board.predicted_yields[bits]
     width, height = board.size

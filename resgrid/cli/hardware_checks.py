@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 _BOARDS = (".kicad_pcb", ".kicad_pro", ".kicad_sch")
 _LAYOUTS = (".gds", ".oas")
 _SHOWN = 20
-"""Maximum number of findings that are printed as text."""
+"""Maximum number of findings (differences) that are printed as text; JSON has all."""
 
 
 def is_hardware(file: str) -> bool:
@@ -31,8 +31,8 @@ def is_hardware(file: str) -> bool:
 def check_hardware(source: CommandInput, tolerance: float, timeout: float) -> int:
     """Verify a board or layout, print the result, and return the exit code.
 
-    `source`: the input; `tolerance`: largest error of a voltage relative to the supply; `timeout`: limit of each run of
-    an outside program, in seconds.
+    `source`: the input; `tolerance`: largest accepted error of a voltage, relative to the supply; `timeout`: limit of
+    each run of an outside program, in seconds.
     """
     if source.changes or source.map_options:
         raise InputError(
@@ -54,7 +54,7 @@ def hardware_data(result: HardwareCheck) -> dict[str, Any]:
 
 
 def hardware_lines(result: HardwareCheck) -> Iterable[str]:
-    """Yield the lines of text for the result of a verification: the verdict, then findings and the remark."""
+    """Yield the lines of text about a verification: the verdict, then the differences, then remarks."""
     tools = " and ".join(f"{name} {version}" for name, version in result.tools.items()) or "the record"
     if result.agrees:
         error = result.max_relative_error

@@ -107,8 +107,8 @@ def describe(job: Job) -> dict[str, Any]:
 def _cost(job: Job) -> dict[str, Any]:
     """Return the size of the circuit as a dictionary for JSON: ``nodes``, ``resistors`` and ``memory_bytes``.
 
-    The last one is the memory of a solution.  If the scene has no single circuit, the values are None, and the key
-    ``no_circuit`` holds the reason.
+    ``memory_bytes`` is the estimated memory of a solution. If the scene has no single circuit, the values are None, and
+    the key ``no_circuit`` holds the reason.
     """
     from resgrid.circuit.equations import assemble
     from resgrid.scene.sampling import with_coordinates
@@ -216,7 +216,7 @@ _ORDERS = {
     "octomap": "in the coordinates of the file",
     "point_cloud": "voxels that contain a point, in the coordinates of the file",
 }
-"""Orders or coordinates of the cells of other formats."""
+"""Order or coordinates of the cells of other formats than pictures, by name of the format."""
 
 
 def _map_lines(data: dict[str, Any]) -> Iterable[str]:
@@ -244,7 +244,7 @@ def _map_lines(data: dict[str, Any]) -> Iterable[str]:
 
 
 def _option_text(value: Any) -> str:
-    """Return the value of an option of map preparation as on the command line: numbers separated by commas."""
+    """Return the value of an option that crops or joins cells as on the command line: numbers separated by commas."""
     return ",".join(f"{part:g}" for part in value) if isinstance(value, list | tuple) else str(value)
 
 

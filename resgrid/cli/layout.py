@@ -18,13 +18,13 @@ from resgrid.hardware.record import record_path
 from resgrid.processes.reading import process_names
 
 PROCESSES = tuple(process_names())
-"""Processes and resistors in which layouts are drawn."""
+"""Names of all processes, each with one of its resistors, such as ``ihp-sg13g2:rppd``."""
 
 DRAWN = ("process", "corner", "width")
-"""Keys of a chip that determine its layout."""
+"""Keys of the ``[chip]`` table that determine the layout; other keys are reported as ignored."""
 
 SHOWN_PADS = 8
-"""Largest number of pads that the floor plan lists as text."""
+"""Largest number of pads whose places are printed in the floor plan."""
 
 
 @subcommand(
@@ -118,7 +118,7 @@ def _report_ignored(job: Job) -> dict[str, list[str]]:
 
 
 def _process_of(scene: rg.Scene) -> str:
-    """Return the process of a scene's chip; raise InputError if the scene has none."""
+    """Return the name of the process in the ``[chip]`` table of a scene; raise InputError if there is none."""
     if scene.chip.process is None:
         raise InputError(
             f"the scene has no chip.process; name one with --process, for instance --process {PROCESSES[-1]}"
@@ -127,9 +127,10 @@ def _process_of(scene: rg.Scene) -> str:
 
 
 def _width(scene: rg.Scene, width: float | None, matching: float | None) -> float | None:
-    """Return the width of the resistors in metres: the option, or that of the scene's chip; None for the smallest one.
+    """Return the width of the resistors in metres; None for the smallest one, or if `matching` determines the width.
 
-    `width`: the option in micrometres; `matching`: wanted deviation, which determines the width.
+    `width`: width of the option in micrometres, None for that of the scene's chip; `matching`: wanted standard
+    deviation of the relative resistance, None without one.
     """
     if width is not None:
         return width * 1e-6
@@ -137,7 +138,10 @@ def _width(scene: rg.Scene, width: float | None, matching: float | None) -> floa
 
 
 def _floor_plan(summary: Mapping[str, Any]) -> Iterator[str]:
-    """Yield the lines of the floor plan: sizes, resistors, rails with voltage drops, and pads."""
+    """Yield the lines of the floor plan: sizes, resistors, rails with voltage drops, and pads.
+
+    `summary`: result of `Layout.summary`.
+    """
     um = 1e6
     columns, rows = summary["cells"]
     (px, py), (width, height) = summary["pitch"], summary["size"]
@@ -158,6 +162,9 @@ def _floor_plan(summary: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _span(values: list[Any], scale: float, form: str) -> str:
-    """Return the smallest and the largest of two values times `scale` as text, or one value if they are equal."""
+    """Return a range such as ``1 to 3`` as text, or one number if both ends are equal.
+
+    `values`: the two ends; `scale`: factor by which they are multiplied; `form`: format of the numbers.
+    """
     low, high = (format(value * scale, form) for value in values)
     return low if low == high else f"{low} to {high}"

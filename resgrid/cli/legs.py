@@ -21,8 +21,9 @@ def answer_legs(
 ) -> int:
     """Compute and report the paths of several legs from all starts of a scene; return the exit code.
 
-    `output`: file of the paths, None for none; `via`: intermediate places in world coordinates; `approximate`,
-    `escape`: options of `plan_legs`.
+    `output`: file of the paths, None for none; `via`: intermediate places in world coordinates; `approximate`: whether
+    to end at the reachable place nearest to a goal that cannot be reached; `escape`: whether a robot that touches an
+    obstacle at the start first leaves it on a straight line, which is not certified.
     """
     from resgrid.io.leg_paths import leg_record, write_leg_paths
     from resgrid.io.tables import suffix_of
@@ -54,7 +55,10 @@ def answer_legs(
 
 
 def _line(path: LegPath) -> str:
-    """Return the line of text for a path: outcome, length, end, and legs with the uncertified ones marked."""
+    """Return the line of text about a path: start, outcome, end, length, and the kinds of its legs.
+
+    Legs without a certificate are marked.
+    """
     head = f"start {place_of(path.start)}: {path.outcome}"
     if path.reason is not None:
         head += f": {path.reason}"

@@ -64,7 +64,7 @@ def command(source: CommandInput | None, host: str, port: int, read_only: bool, 
 
 
 def _open_view(job: Job, host: str, port: int, read_only: bool, browser: bool) -> Viewer:
-    """Return the 3-D view; raise InputError for options of the page of the plane."""
+    """Return the opened 3-D view of a robot in space; raise InputError for options that only plane pages have."""
     if host != _LOCAL:
         raise InputError(f"--host {host}: the 3-D view serves this computer only; leave out --host")
     if read_only:

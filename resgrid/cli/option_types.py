@@ -70,7 +70,10 @@ class Number(_Type):
         self.remedy = remedy
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """Return the number of a text; raise click's BadParameter for any other text, infinity and NaN."""
+        """Return the number of a text in Python's notation, such as ``"0.2"`` or ``"1e-3"``, without unit or prefix.
+
+        Raises click's BadParameter for any other text, infinity and NaN.
+        """
         try:
             number = float(value)
         except ValueError:
@@ -94,7 +97,10 @@ def fraction_below(limit: float) -> NumberRange:
 
 
 class Suggested(_Type):
-    """Type of an option that is a word, which the library validates; the shell completes the common `words`."""
+    """Type of an option that is a word, which the library validates.
+
+    `name`: name of the type in help texts; `words`: common words, which the shell completes; others are accepted, too.
+    """
 
     def __init__(self, name: str, *words: str) -> None:
         self.name, self.words = name, words

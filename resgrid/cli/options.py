@@ -256,7 +256,10 @@ def folder_of(output: str | None, source: CommandInput, end: str = "") -> Path:
 
 
 def dialect_option(default: str | None = "ngspice") -> Decorator:
-    """Return the decorator that adds the option ``--dialect``, the SPICE dialect of the output deck."""
+    """Return the decorator that adds the option ``--dialect``, the SPICE dialect of the output deck.
+
+    `default`: value without the option; None if the subcommand chooses the dialect.
+    """
     return click.option(
         "--dialect", type=Suggested("dialect", *DIALECTS), default=default,
         help=f"SPICE dialect of the deck: {', '.join(DIALECTS)}.",

@@ -25,7 +25,7 @@ class Plan:
     """The results of planning a scene.
 
     `operating_points`: solved circuits by name, such as "dirichlet"; `fields`: all fields with current, or one field if
-    no field has current; `routes`: paths of all starts and weights k.
+    no field has current; `routes`: one path for each start and each weight k.
     """
 
     operating_points: Mapping[str, rg.OperatingPoint]

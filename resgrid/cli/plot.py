@@ -64,7 +64,10 @@ def command(source: CommandInput, output: str, what: str) -> int:
 
 
 def draw_all(folder: Path, job: Job, plan: Plan) -> dict[str, str]:
-    """Draw all pictures of a scene into a folder as PNG files; return the captions of the pictures by file name."""
+    """Draw all pictures of a scene into a folder as PNG files; return the captions of the pictures by file name.
+
+    `job`: scene and space; `plan`: its solved circuits, fields and paths.
+    """
     files = {}
     for name, caption, what, field in _album(job, plan):
         rg.plot.save_figure(_draw(what, job, plan, field), folder / f"{name}.png")

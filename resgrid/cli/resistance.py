@@ -18,10 +18,10 @@ from resgrid.cli.terminal import compute, finish, stage
 from resgrid.errors import InputError
 
 _MOST_LINES = 40
-"""Largest number of pairs that are printed; files have all."""
+"""Largest number of pairs that are printed; a file contains all pairs."""
 
 _SECONDS = 1e-5
-"""Approximate time per resistor and terminal, in seconds, for the progress bar."""
+"""Approximate computing time per resistor of the circuit and terminal, in seconds, for the progress bar."""
 
 
 @subcommand(
@@ -94,7 +94,7 @@ def _names(word: str) -> list[str]:
 
 
 def _places(netlist: rg.Netlist, word: str, in_cells: bool) -> list[str | int]:
-    """Return the nodes of a terminal of a scene.
+    """Return the node names or node numbers of a terminal of a scene.
 
     `netlist`: compiled circuit of the scene; `word`: places X,Y and node names, separated by blanks; `in_cells`:
     whether places are cell indices instead of world coordinates.
@@ -103,7 +103,11 @@ def _places(netlist: rg.Netlist, word: str, in_cells: bool) -> list[str | int]:
 
 
 def _node_at(netlist: rg.Netlist, place: str, in_cells: bool) -> str | int:
-    """Return the node of a place X,Y, or the text itself if it is a node name."""
+    """Return the node number of a place ``X,Y``, or the text itself if it has another form (a node name).
+
+    `in_cells`: whether X and Y are cell indices instead of world coordinates. Raises InputError for a place without a
+    node.
+    """
     from resgrid.circuit.terminals import TerminalReader
 
     try:
@@ -120,7 +124,10 @@ def _node_at(netlist: rg.Netlist, place: str, in_cells: bool) -> str | int:
 
 
 def _lines(data: dict[str, Any]) -> Iterable[str]:
-    """Yield the lines of text: one line per pair, and the error bound."""
+    """Yield the lines of text about resistances: one line per pair, at most `_MOST_LINES`, then the error bound.
+
+    `data`: the results as for JSON.
+    """
     pairs: Sequence[dict[str, Any]] = data["pairs"]
     width = max(len(f"{pair['first']} - {pair['second']}") for pair in pairs[:_MOST_LINES])
     for pair in pairs[:_MOST_LINES]:

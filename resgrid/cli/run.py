@@ -77,7 +77,7 @@ def command(source: CommandInput, output: str | None, asked: bool | None, dialec
 
 @contextmanager
 def _compile_last_kernels() -> Iterator[None]:
-    """Compile the kernels of the last stages in a second process while the context is active.
+    """Compile the kernels of the last stages of ``resgrid run`` in a second process during the block.
 
     The function has no effect if the kernels are cached, or on a computer with a single core.
     """

@@ -238,8 +238,8 @@ def _load_numba() -> None:
 def _observe(name: str, function: Callable[..., Any], *arguments: Any, iterates: bool = False, **options: Any) -> Any:
     """Call a function of the library as a stage with a progress bar, and return the function's value.
 
-    `name`: name of the stage; `iterates`: whether the function takes a keyword ``progress``, a function that is called
-    in every iteration; `options`: further keywords of `compute`.
+    `name`: name of the stage; `arguments`: arguments of the function; `iterates`: whether the function takes a keyword
+    ``progress``, a function that is called in every iteration; `options`: further keywords of `terminal.compute`.
     """
     _load_numba()
     if iterates and is_first_run():

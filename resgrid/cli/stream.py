@@ -28,7 +28,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class _Topics:
-    """Names of topics and of the frame of the robot from options, None for the default of `read_bag`."""
+    """Options that name topics and the frame of the robot; None stands for the default of `read_bag`.
+
+    `map_topic, updates_topic, goal_topic, pose_topic, tf_topic`: topics of maps, of map updates, of goals, of poses of
+    the robot, and of transformations between coordinate frames; `base_frame`: name of the robot's frame.
+    """
 
     map_topic: str | None
     updates_topic: str | None
@@ -86,7 +90,10 @@ def command(
 
 
 def _streamed(source: CommandInput, topics: _Topics, output: str | None, plan_topic: str) -> StreamReport:
-    """Return the results for all frames of a recording; `output`, `plan_topic`: new recording and topic of paths."""
+    """Return the results for all frames of a recording.
+
+    `topics`: options that name topics; `output`: new recording, None for none; `plan_topic`: topic of the paths in it.
+    """
     if source.file == "-":
         raise InputError("a recording cannot be read from standard input; give a file or folder")
     changes = dict(source.changes)
@@ -108,13 +115,19 @@ def _streamed(source: CommandInput, topics: _Topics, output: str | None, plan_to
 
 
 def _has(changes: Mapping[str, Any], key: str) -> bool:
-    """Return whether goals or starts are among the changed keys; `key`: "goal" or "start"."""
+    """Return whether options give the goals or the starts of the scene.
+
+    `changes`: new values by key path; `key`: "goal" or "start".
+    """
     names = {name.replace("[", ".").partition(".")[0] for name in changes}
     return bool(names & {key, f"{key}_cell", f"{key}s"})
 
 
 def _report_ignored(report: StreamReport) -> dict[str, list[str]]:
-    """Print the keys of the scene without effect, and return them for JSON."""
+    """Print the keys of the scene that have no effect on paths; return ``{"ignored": keys}`` for JSON.
+
+    The dictionary is empty if no frame was solved.
+    """
     last = report.last
     if last is None or last.scene is None or last.planner is None:
         return {}
@@ -124,7 +137,7 @@ def _report_ignored(report: StreamReport) -> dict[str, list[str]]:
 
 
 def _lines(report: StreamReport) -> list[str]:
-    """Return the summary of a report as lines of text, with the first reason of each outcome without a path."""
+    """Return the summary of a report as lines of text, with one reason for each outcome without a certified path."""
     lines = [f"{counted(report.frames, 'frame')}: {report.reached} with a certified path"]
     columns = (report.table[name] for name in ("frame", "outcome", "certified", "reason"))
     seen = set[str]()

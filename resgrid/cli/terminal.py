@@ -280,7 +280,9 @@ def end_at_once(code: int) -> NoReturn:
 class Failure(NamedTuple):
     """Result of a failed command.
 
-    `code`: exit code; `kind`: class name of the error; `message`: text for the user.
+    `code`: exit code of the process: 1 for a negative answer, 2 for bad usage or input, 3 for a missing outside tool, 4
+    for an exceeded limit of time or memory, 5 for a result that is not verified; others for an interrupt and for
+    unexpected errors; `kind`: class name of the error; `message`: text for the user.
     """
 
     code: int
@@ -289,7 +291,10 @@ class Failure(NamedTuple):
 
 
 def failure_of(error: Exception) -> Failure:
-    """Return exit code, class name and message for an exception that ended a command."""
+    """Return exit code, class name and message for an exception that ended a command.
+
+    The message of an unexpected exception asks the user to report it.
+    """
     kind = type(error).__name__
     if isinstance(error, click.Abort):
         return Failure(INTERRUPTED, kind, "interrupted")

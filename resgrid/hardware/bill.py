@@ -17,11 +17,15 @@ if TYPE_CHECKING:
     from resgrid.hardware.board import Board
 
 SPARE = 0.05
-"""Fraction of resistors to order in addition, since some are lost while soldering."""
+"""Fraction of the number of resistors to order in addition, since some are lost while soldering."""
 
 
 def bill_rows(board: Board) -> list[tuple[str, int, str, str, str, str]]:
-    """Return the bill of materials: references, quantity, value, package, tolerance and description of every line."""
+    """Return the rows of the bill of materials, one for each kind of part.
+
+    A row contains the references of the parts, their number, and as text their value, package, tolerance and
+    description.
+    """
     by_value: dict[float, list[str]] = {}
     for part in board.circuit.resistors:
         by_value.setdefault(part.ohms, []).append(part.reference)
@@ -46,7 +50,7 @@ def bill_rows(board: Board) -> list[tuple[str, int, str, str, str, str]]:
 
 
 def reference_ranges(references: Iterable[str]) -> str:
-    """Return references as text with ranges: ``R1-R3 R7``."""
+    """Return references of parts as text, sorted and with ranges of consecutive numbers: ``R1-R3 R7``."""
     runs: list[list[str]] = []
     for name in sorted(references, key=natural_order):
         number = int(name.lstrip("RJHTP"))
@@ -58,13 +62,17 @@ def reference_ranges(references: Iterable[str]) -> str:
 
 
 def format_bill(board: Board) -> str:
-    """Return the bill of materials as CSV."""
+    """Return the bill of materials as CSV text, with the columns of `bill_rows`."""
     names = ("references", "quantity", "value", "package", "tolerance", "description")
     return _csv(names, bill_rows(board))
 
 
 def format_voltages(board: Board) -> str:
-    """Return the expected voltage of every test pad as CSV, with the pad's cell, its place and its header pin."""
+    """Return the expected voltage of every test pad as CSV text.
+
+    A line also contains the cell of the pad (column, row, coordinates, kind), its net, and its pin of a converter
+    header.
+    """
     circuit, space = board.circuit, board.circuit.space
     pins = {
         placed.nets[pin]: f"{placed.reference}.{pin + 1}"
@@ -106,7 +114,7 @@ def format_voltages(board: Board) -> str:
 
 
 def _csv(names: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """Return a table as CSV with a line of column names."""
+    """Return a table as CSV text: one line of column names `names`, then one line for each row of `rows`."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(names)

@@ -33,19 +33,19 @@ from resgrid.scene import Scene
 from resgrid.scene.chip import Chip, Readout
 
 FILE = "grid.kicad_pcb"
-"""Name of the board's file."""
+"""Name of the file of the board in the folder of the KiCad project."""
 
 REVISION = "A"
-"""Revision of the board, as printed on it."""
+"""Revision letter that is printed on the board and stated in its files."""
 
 BITS = 10
 """Resolution, in bits, of the converter for which the yield is predicted unless the scene describes one."""
 
 _RESOLUTIONS = (12, 16)
-"""Further resolutions, in bits, for which the yield is predicted."""
+"""Resolutions of the converter, in bits, for which the yield is predicted in addition to that of the scene."""
 
 _TRIALS, _MANY_CELLS = 128, 400
-"""Number of simulated boards of a prediction, and number of cells from which a third of it has to suffice."""
+"""Number of simulated boards for `Board.predicted_yields`; above `_MANY_CELLS` cells, a third of this number."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -63,9 +63,9 @@ class Board:
     title : str
         Title, printed on the board.
     tolerance : float
-        Tolerance of the resistors, as a fraction.
+        Tolerance of the resistors, as a fraction of their nominal values.
     starts : tuple of tuple of int
-        Cells of the scene's starts, marked on a board of kind "fixed".
+        Cells (column, row) of the scene's starts, which a board of kind "fixed" marks; empty without starts.
     readout : Readout
         Converter that reads the voltages, for the predicted yield.
     kind : {"fixed", "jumpers"}
@@ -117,27 +117,27 @@ class Board:
 
     @property
     def voltages(self) -> dict[str, float]:
-        """Expected voltage of every net against ground, in volts."""
+        """Expected voltage of every net against ground, in volts, by the name of the net."""
         return self.circuit.voltages
 
     @property
     def supply_current(self) -> float:
-        """Current from the supply, in amperes."""
+        """Current that the supply delivers, in amperes."""
         return self.circuit.supply_current
 
     @property
     def power(self) -> float:
-        """Power from the supply, in watts."""
+        """Power that the supply delivers, in watts."""
         return self.circuit.power
 
     @property
     def largest_deviation(self) -> float:
-        """Largest deviation of a resistor of the E96 series from its exact value, as a fraction."""
+        """Largest deviation of a resistance of the E96 series from its exact value, as a fraction of the latter."""
         return self.circuit.largest_deviation
 
     @property
     def mismatch(self) -> float:
-        """Standard deviation of a resistance, as a fraction: values uniformly distributed within the tolerance."""
+        """Standard deviation of a resistance that is uniform within the tolerance, as a fraction of the nominal one."""
         return self.tolerance / sqrt(3.0)
 
     def yields(self, *, trials: Count = 400, bits: Annotated[int, Ge(1), Le(32)] | None = None) -> Yield:
@@ -163,14 +163,18 @@ class Board:
 
     @cached_property
     def predicted_yields(self) -> dict[int, Proportion]:
-        """Fraction of the starts that arrive, by the resolution of the converter in bits, from a few trials."""
+        """Fraction of the starts from which a simulated robot reaches a goal, by the converter's resolution in bits."""
         trials = _TRIALS if self.circuit.space.cell.size <= _MANY_CELLS else _TRIALS // 3
         resolutions = sorted({self.readout.bits or BITS, *_RESOLUTIONS})
         return {bits: self.yields(trials=trials, bits=bits).overall for bits in resolutions}
 
     @cached_property
     def closed(self) -> dict[str, tuple[int, ...]]:
-        """Numbers of the pads of each solder jumper that the jumper plan joins, by reference; no entry if open."""
+        """Pads that solder joins on each solder jumper in this scene, as pad numbers by reference of the jumper.
+
+        Pads 1 and 2 tie the cell to the obstacle rail, pads 2 and 3 to the goal rail. A jumper of a free cell has no
+        entry.
+        """
         pads = {Cell.OBSTACLE: (1, 2), Cell.GOAL: (2, 3)}
         cells = self.circuit.space.cell
         joined = dict[str, tuple[int, ...]]()
@@ -200,7 +204,7 @@ class Board:
         return HardwareRecord("board", self.kind, FILE, self.scene_hash, None, parts, tuple(sources), volts, nodes)
 
     def _part(self, placed: PlacedFootprint, ohms: dict[str, float]) -> Part:
-        """Return the entry of a part in the record; `ohms`: resistances by reference."""
+        """Return the record's entry for a part of the board; `placed`: the part; `ohms`: resistances by reference."""
         kinds: dict[str, PartType] = {"R": "resistor", "J": "connector", "JP": "jumper", "TP": "test_pad", "H": "hole"}
         kind = kinds[placed.reference.rstrip("0123456789")]
         closed = self.closed.get(placed.reference, ())
@@ -208,7 +212,7 @@ class Board:
 
     @property
     def scene_hash(self) -> str:
-        """SHA-256 of cells, conductivity and wiring, in hexadecimal digits."""
+        """SHA-256 of cells, conductivity, wiring, kind and pitch of the board, in hexadecimal digits."""
         space = self.circuit.space
         text = f"{space.shape} {self.circuit.wiring} {self.kind} {self.placement.pitch!r}"
         digest = hashlib.sha256(text.encode() + space.cell.tobytes())
@@ -218,7 +222,7 @@ class Board:
 
     @property
     def subtitle(self) -> str:
-        """Second line of the board's title: size, boundary, resistors and revision."""
+        """Second line of the board's title: number of cells, boundary condition, resistances and revision."""
         wiring = self.circuit.wiring
         values = sorted({part.ohms for part in self.circuit.resistors})
         span = resistance_text(values[0])
@@ -229,7 +233,7 @@ class Board:
 
     @property
     def legend(self) -> tuple[str, ...]:
-        """Lines of the legend of voltages, printed on the board."""
+        """Lines of text, printed on the board, that explain its voltages."""
         volts = f"{self.circuit.wiring.supply:+g} V"
         walk = "path: always to the neighbour with the lowest voltage"
         if self.kind == "jumpers":
@@ -286,8 +290,8 @@ def build_board(
     Raises
     ------
     InputError
-        If a board cannot realise the space or the wiring: other than two axes, a periodic axis, a uniform drive, or
-        areas or boundaries that a board with jumpers cannot have.
+        If a board cannot realise the space or the wiring: other than two axes, a periodic axis, a uniform drive; for
+        jumpers also unequal conductivities, or a boundary other than "dirichlet".
     CircuitError
         If no current flows.
 
@@ -320,6 +324,6 @@ def build_board(
 
 
 def _printable(title: str) -> str:
-    """Return a title on one line, without control characters and marks of KiCad's variables and expressions."""
+    """Return a title on one line, without control characters and without marks that KiCad would expand as variables."""
     words = "".join(letter if letter.isprintable() else " " for letter in title).split()
     return re.sub(r"[$@](?=\{)|%(?=\w)", "", " ".join(words))

@@ -25,14 +25,16 @@ from resgrid.hardware.tools import TIMEOUT, find_kicad
 from resgrid.scene.quantities import parse_quantity
 
 TOLERANCE = 1e-9
-"""Default limit of the error of a voltage relative to the supply."""
+"""Default limit of the error of a net's voltage, as a fraction of the supply."""
 
 
 @dataclass
 class _Work:
     """Results that the stages of a verification collect.
 
-    `findings`, `remarks`: messages; `voltages`: comparisons of voltages; `complete`: whether every stage was done.
+    `findings`: messages about differences; `remarks`: messages about stages that could not be done, and warnings;
+    `voltages`: comparisons of voltages; `tools`: version of each outside program by its name; `complete`: whether every
+    stage was done.
     """
 
     findings: list[str] = field(default_factory=list)
@@ -105,7 +107,10 @@ def check_board(
 
 
 def find_board(path: Path) -> Path:
-    """Return the file ``.kicad_pcb`` of a board, a project or a folder; raise InputError unless there is one."""
+    """Return the file ``.kicad_pcb`` of a board; raise InputError unless there is exactly one.
+
+    `path`: this file, a project ``.kicad_pro`` or schematic ``.kicad_sch`` of the same name, or a folder.
+    """
     if path.is_dir():
         boards = sorted(path.glob("*.kicad_pcb"))
         if len(boards) != 1:
@@ -121,7 +126,10 @@ def find_board(path: Path) -> Path:
 
 
 def _check_record(work: _Work, record: HardwareRecord, tolerance: float) -> None:
-    """Compare the voltages in a record with the solution of its own parts."""
+    """Add a finding for each voltage in a record that differs from the solution of the record's own circuit.
+
+    `work`: results, changed in place; `tolerance`: largest accepted error relative to the supply.
+    """
     values = {part.reference: part.value for part in record.parts}
     volts = solve_extracted(record, dict(pads_of(record)), values)
     compared = compare_voltages(record, volts, tolerance, "resgrid")
@@ -129,7 +137,7 @@ def _check_record(work: _Work, record: HardwareRecord, tolerance: float) -> None
 
 
 def _check_rules(work: _Work, reports: BoardReports) -> None:
-    """Add the violations of design rules and electrical rules, and count the warnings."""
+    """Add violations of design and electrical rules to `work.findings`, and counts of warnings to `work.remarks`."""
     work.findings += reports.rules.errors
     if reports.rules.warnings:
         counts = ", ".join(f"{count} {kind}" for kind, count in sorted(reports.rules.warnings.items()))
@@ -137,7 +145,10 @@ def _check_rules(work: _Work, reports: BoardReports) -> None:
 
 
 def _check_nets(work: _Work, record: HardwareRecord, reports: BoardReports) -> None:
-    """Compare the nets of the connected copper, and the nets that the board file states, with the record."""
+    """Add the differences of nets between the board and the record to `work.findings`.
+
+    Two sets of nets are compared with the record: those that the copper connects, and those that the board file states.
+    """
     copper = compare_nets(record, copper_nets(reports.points, reports.copper))
     stated = compare_nets(record, stated_nets(reports.points))
     contacts = {short_circuit(*contact.nets): contact for contact in reports.copper.contacts}
@@ -151,7 +162,10 @@ def _check_nets(work: _Work, record: HardwareRecord, reports: BoardReports) -> N
 
 
 def _check_board_circuit(work: _Work, record: HardwareRecord, reports: BoardReports, tolerance: float) -> None:
-    """Compare the values on the board, and the voltages of the connected copper with these values, with the record."""
+    """Compare the circuit of the board's copper and part values with the record, and add the differences to `work`.
+
+    `reports`: files of kicad-cli about the board; `tolerance`: largest accepted voltage error relative to the supply.
+    """
     values = {reference: _ohms(text) for reference, text in reports.values.items()}
     resistors = [part.reference for part in record.parts if part.type == "resistor"]
     stated = {point.reference for point in reports.points}
@@ -170,7 +184,7 @@ def _check_board_circuit(work: _Work, record: HardwareRecord, reports: BoardRepo
 
 
 def _ohms(text: str) -> float | None:
-    """Return a value on a board in ohms, None if it is not a number."""
+    """Return the value text of a part on a board in ohms, None if it is not a number."""
     try:
         return parse_quantity(text.strip().removesuffix("Ω").strip())
     except InputError:
@@ -180,7 +194,11 @@ def _ohms(text: str) -> float | None:
 def _check_schematic(
     work: _Work, record: HardwareRecord, reports: BoardReports, tolerance: float, timeout: float
 ) -> None:
-    """Compare KiCad's SPICE netlist of the schematic, and its voltages from ngspice, with the record."""
+    """Compare KiCad's SPICE netlist of the schematic, and its voltages from ngspice, with the record; add to `work`.
+
+    `tolerance`: largest accepted error of a voltage relative to the supply; `timeout`: longest run in seconds. Without
+    a schematic or ngspice, `work.complete` becomes False.
+    """
     if reports.spice is None:
         work.remarks.append("the folder has no schematic, so KiCad's SPICE netlist was not compared")
         work.complete = False
@@ -201,14 +219,17 @@ def _check_schematic(
 
 
 def _add_voltages(work: _Work, compared: VoltageComparison) -> None:
-    """Add a comparison of voltages; its findings only if no other finding explains them."""
+    """Add a comparison of voltages to `work`; add its findings only if no other finding explains them."""
     work.voltages.append(compared)
     if not work.findings:
         work.findings += compared.findings
 
 
 def _result(work: _Work, record: HardwareRecord, tolerance: float) -> HardwareCheck:
-    """Return the result of a verification."""
+    """Return the result of a verification from the collected results `work`.
+
+    `record`: the record of the board; `tolerance`: largest accepted error of a voltage relative to the supply.
+    """
     compared = [each for each in work.voltages if each.max_abs_error is not None]
     worst = max(compared, key=lambda each: each.max_abs_error or 0.0, default=VoltageComparison())
     return HardwareCheck(

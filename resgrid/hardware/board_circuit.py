@@ -25,25 +25,25 @@ from resgrid.hardware.record import GROUND
 Kind = Literal["fixed", "jumpers"]
 
 MOST_CELLS = 64
-"""Largest number of cells along an axis of a board."""
+"""Largest number of cells along an axis of a board; larger spaces are rejected."""
 
 RESISTORS = (1.0, 10e6)
-"""Lowest and highest resistance of common resistors of size 0603, in ohms."""
+"""Lowest and highest resistance sold in size 0603, in ohms; boards with other resistances are rejected."""
 
 MOST_HEAT = 0.1
-"""Rated power of a resistor of size 0603, in watts."""
+"""Rated power of a resistor of size 0603, in watts; boards with a resistor of a higher power are rejected."""
 
 OBSTACLE_NET, GOAL_NET = "obstacle", "goal"
-"""Names of the nets of the obstacle rail, and of the goal rail of a board with jumpers."""
+"""Names of the net of the obstacle rail, and of the net of the goal rail on a board with jumpers."""
 
 
 @dataclass(frozen=True)
 class GridResistor:
-    """A resistor of the grid.
+    """A resistor between two neighbouring cells, or between a cell and the border of the grid.
 
-    `reference`: its name; `ohms`: its resistance; `lower`, `upper`: nets of the terminals at the lower and the higher
-    coordinate; `axis`: 0 for a horizontal, 1 for a vertical resistor; `cell`: index of the cell at its higher end,
-    which is one more than the last cell at the upper border.
+    `reference`: name on the board, such as R7; `ohms`: resistance; `lower`, `upper`: nets of the terminals at the lower
+    and the higher coordinate along the axis; `axis`: 0 for a horizontal, 1 for a vertical resistor; `cell`: cell
+    (column, row) at the higher coordinate, which lies outside the grid at the upper border.
     """
 
     reference: str
@@ -55,7 +55,7 @@ class GridResistor:
 
     @property
     def ends(self) -> tuple[tuple[int, int], tuple[int, int]]:
-        """Indices of the cells at the lower and the higher end; one of them may lie outside the grid."""
+        """Cells (column, row) at the lower and the higher end; one of them may lie outside the grid."""
         i, j = self.cell
         return ((i - 1, j), (i, j)) if self.axis == 0 else ((i, j - 1), (i, j))
 
@@ -64,7 +64,8 @@ class GridResistor:
 class BoardCircuit:
     """The circuit of a board.
 
-    `kind`: "fixed" or "jumpers"; `ideal`: the compiled circuit; `op`: operating point with values of the E96 series.
+    `kind`: "fixed" for one scene, "jumpers" for every scene of this size; `ideal`: the compiled circuit with exact
+    resistances; `op`: operating point of the circuit with resistances of the E96 series.
     """
 
     kind: Kind
@@ -73,12 +74,15 @@ class BoardCircuit:
 
     @property
     def netlist(self) -> Netlist:
-        """The circuit with values of the E96 series."""
+        """The circuit with resistances of the E96 series."""
         return self.op.netlist
 
     @cached_property
     def cells_netlist(self) -> Netlist:
-        """The same circuit with a node of its own for every cell, for studies of robots that read the voltages."""
+        """The circuit of the board with one node for every cell, also for obstacle and goal cells.
+
+        Studies of robots that read the voltages of all cells use this circuit.
+        """
         ideal = self.ideal
         if self.wiring.rails != "cells":
             ideal = compile_space(self.space, self.wiring, rails="cells")
@@ -86,33 +90,36 @@ class BoardCircuit:
 
     @property
     def space(self) -> ConfigurationSpace:
-        """The space of the board."""
+        """The configuration space whose circuit the board realises."""
         return self.netlist.cells.space
 
     @property
     def wiring(self) -> Wiring:
-        """Boundary conditions, supply and nominal resistance."""
+        """Boundary conditions, supply and nominal resistance of the circuit."""
         return self.netlist.cells.wiring
 
     @cached_property
     def node_nets(self) -> list[str]:
-        """Net of every node."""
+        """Name of the net of every node, in the order of the nodes of `netlist`."""
         return self.netlist.names_of(np.arange(self.netlist.node_count))
 
     @property
     def high_net(self) -> str:
-        """Net of the plane and of the positive supply: the obstacle rail, or the cell of the driven start."""
+        """Name of the net at the positive supply: the obstacle rail, or with drive "start" the net of the start cell.
+
+        The copper plane of the board belongs to this net.
+        """
         start = self.wiring.start
         return OBSTACLE_NET if start is None else "n_{}_{}".format(*start)
 
     @property
     def goal_nets(self) -> tuple[str, ...]:
-        """Nets of the goal rails: one per goal region, or the common rail of a board with jumpers."""
+        """Names of the nets of the goal rails: one per goal region, or the common rail of a board with jumpers."""
         return (GOAL_NET,) if self.kind == "jumpers" else tuple(f"goal_{goal}" for goal in range(self.space.goal_count))
 
     @cached_property
     def resistors(self) -> tuple[GridResistor, ...]:
-        """Resistors in reading order: row by row from the top, each row from the left."""
+        """All resistors, row by row from the top of the grid, each row from the left."""
         cells = self.netlist.cells
         axes, index = crossed_faces(cells.resistor_face, self.space.shape)
         nodes = np.where(
@@ -135,24 +142,27 @@ class BoardCircuit:
 
     @cached_property
     def ohms(self) -> NDArray[np.float64]:
-        """Resistances (resistors,), in ohms, in the order of the netlist."""
+        """Resistance of every resistor from the E96 series, in ohms, (resistors,), in the order of `netlist`."""
         return nearest_e96(1.0 / self.ideal.conductance)
 
     @property
     def largest_deviation(self) -> float:
-        """Largest deviation of a resistance from its exact value, as a fraction of this value."""
+        """Largest deviation of a resistance of the E96 series from its exact value, as a fraction of the latter."""
         return float(np.abs(self.ohms * self.ideal.conductance - 1.0).max(initial=0.0))
 
     @cached_property
     def cell_nets(self) -> dict[tuple[int, int], str]:
-        """Net of every cell with a pad of its own: free cells and goal cells, and all cells of a board with jumpers."""
+        """Name of the net of every cell with a test pad, by the cell (column, row).
+
+        These are the free cells and goal cells with a node; on a board with jumpers, all cells.
+        """
         node = self.netlist.cells.node
         wanted = (node >= 0) & ((self.space.cell != Cell.OBSTACLE) | (self.kind == "jumpers"))
         return {(int(i), int(j)): self.node_nets[node[i, j]] for i, j in np.argwhere(wanted)}
 
     @cached_property
     def voltages(self) -> dict[str, float]:
-        """Expected voltage of every net, in volts."""
+        """Expected voltage of every net against ground, in volts, by the name of the net."""
         used = {net for part in self.resistors for net in (part.lower, part.upper)}
         volts = {net: float(self.op.voltage[node]) for node, net in enumerate(self.node_nets) if net in used}
         volts |= dict.fromkeys(self.goal_nets, self.wiring.goal_voltage)
@@ -191,7 +201,8 @@ class BoardCircuit:
 def board_circuit(space: ConfigurationSpace, kind: Kind, wiring: Wiring) -> BoardCircuit:
     """Return the circuit of a board; raise InputError for spaces and wirings that a board cannot realise.
 
-    `space`: the space; `kind`: "fixed" or "jumpers"; `wiring`: boundary conditions, resistance and supply.
+    `kind`: "fixed" for one scene, "jumpers" for every scene of this size; `wiring`: boundary conditions, resistance and
+    supply. Raises CircuitError if no current flows.
     """
     for problem in _problems(space, kind, wiring):
         raise InputError(problem)
@@ -254,7 +265,10 @@ def _problems(space: ConfigurationSpace, kind: Kind, wiring: Wiring) -> Iterator
 
 
 def _problems_of_jumpers(space: ConfigurationSpace, wiring: Wiring) -> Iterator[str]:
-    """Yield a message for every property that a board with jumpers, which has all resistors, cannot realise."""
+    """Yield a message for every property of a space or wiring that a board with jumpers cannot realise.
+
+    Such a board has the same resistors for every scene.
+    """
     if wiring.boundary != "dirichlet":
         yield (
             f"boundary = {wiring.boundary!r} changes the resistors around obstacles, but a board with jumpers has the "

@@ -24,18 +24,20 @@ from resgrid.hardware.teacher_readme import format_readme
 from resgrid.hardware.tools import KicadCli
 
 _CORNER_RADIUS = 3.0
+"""Radius of the rounded corners of the board, in millimetres."""
+
 _SHEETS = (("A4", 297.0, 210.0), ("A3", 420.0, 297.0), ("A2", 594.0, 420.0), ("A1", 841.0, 594.0))
-"""Sheets on which the board is drawn: name, width and height in millimetres."""
+"""Paper sizes for the drawing of the board: name, width and height in millimetres."""
 
 _TITLE_BLOCK = 45.0
-"""Height of the title block of a sheet with its margins, in millimetres."""
+"""Height of a sheet's title block with its margins, in millimetres, which the board must leave free."""
 
 _FIRST_TIME = (1980, 1, 1, 0, 0, 0)
-"""Time of the files in ``gerbers.zip``, which does not depend on the clock."""
+"""Time stamp of all files in ``gerbers.zip``, so that the same files give the same bytes."""
 
 
 def board_files(board: Board, *, manufactured: bool = False) -> dict[str, str]:
-    """Return the text files of a board by name; names in subfolders contain a slash.
+    """Return the content of the text files of a board by file name; names in subfolders contain a slash.
 
     `manufactured`: whether the README describes the files of `manufacture`.
     """
@@ -62,7 +64,10 @@ def board_files(board: Board, *, manufactured: bool = False) -> dict[str, str]:
 
 
 def write_board(board: Board, folder: Path, *, manufactured: bool = False) -> list[str]:
-    """Write the text files of a board into an existing folder, and return their names."""
+    """Write the text files of a board into an existing folder, and return their names.
+
+    `manufactured`: whether the README describes the files of `manufacture`.
+    """
     files = board_files(board, manufactured=manufactured)
     for name, text in files.items():
         (folder / name).parent.mkdir(exist_ok=True)
@@ -71,7 +76,10 @@ def write_board(board: Board, folder: Path, *, manufactured: bool = False) -> li
 
 
 def _drawing(board: Board, sheets: list[Sheet]) -> BoardDrawing:
-    """Return everything on the board; `sheets`: the schematic, to which footprints refer."""
+    """Return the drawing of a board: outline, footprints, tracks, vias, copper plane and printed texts.
+
+    `sheets`: sheets of the schematic; each footprint refers to its symbol there.
+    """
     placement = board.placement
     routing = route(placement)
     paths = {
@@ -105,14 +113,17 @@ def silkscreen_of(board: Board) -> Graphics:
 
 
 def _with_path(placed: PlacedFootprint, paths: Mapping[str, str]) -> PlacedFootprint:
-    """Return a footprint that refers to its symbol; `paths`: path of every symbol by reference."""
+    """Return a footprint that refers to its symbol.
+
+    `paths`: path of each symbol in the schematic, by reference of the part.
+    """
     return replace(placed, path=paths.get(placed.reference, ""))
 
 
 def manufacture(kicad: KicadCli, folder: Path) -> list[str]:
-    """Write the files for a manufacturer, pictures and a printed schematic next to a board; return their names.
+    """Run kicad-cli to write the files for a manufacturer, pictures and a printed schematic; return their names.
 
-    `kicad`: kicad-cli; `folder`: folder with the files of `write_board`.
+    `folder`: folder with the files of `write_board`, to which the new files are added.
     """
     board, sheet = folder / FILE, folder / f"{PROJECT}.kicad_sch"
     gerbers = folder / "gerbers"
@@ -138,14 +149,14 @@ def manufacture(kicad: KicadCli, folder: Path) -> list[str]:
 
 
 def _pack(folder: Path, names: list[str]) -> None:
-    """Write ``gerbers.zip`` with the given files of a folder."""
+    """Write ``gerbers.zip`` with some files; `folder`: folder of the archive; `names`: files relative to it."""
     with zipfile.ZipFile(folder / "gerbers.zip", "w", zipfile.ZIP_DEFLATED) as archive:
         for name in names:
             archive.writestr(zipfile.ZipInfo(Path(name).name, _FIRST_TIME), (folder / name).read_bytes())
 
 
 def described(names: list[str]) -> Iterator[tuple[str, str]]:
-    """Yield the names of files of a board with their descriptions."""
+    """Yield each name of a file in a board's folder with a description of the file."""
     abouts = {
         ".kicad_pro": "the KiCad project",
         ".kicad_sch": "the schematic, or a sheet of it",

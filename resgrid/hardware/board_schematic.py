@@ -17,28 +17,29 @@ from resgrid.hardware.placement import Index, Placement, cell_of
 from resgrid.hardware.record import GROUND
 
 _STEP = 25.4
-"""Distance of cells on a sheet, in millimetres."""
+"""Distance of the centres of neighbouring cells on a sheet, in millimetres."""
 
 _MOST_COLUMNS, _MOST_ROWS = 12, 8
 """Largest numbers of columns and rows of cells on one sheet."""
 
 _ON_ROOT = 8
-"""Largest number of columns on the root, which also has the terminals."""
+"""Largest number of columns of a grid that is drawn on the root sheet, next to the terminals."""
 
 _CORNER = (38.1, 38.1)
-"""Place of the upper left cell of a sheet, in millimetres."""
+"""Place (x, y) of the upper left cell of a sheet, in millimetres from the upper left corner of the sheet."""
 
 _OBSTACLE, _GOAL, _START = (205, 205, 205), (255, 224, 130), (187, 222, 251)
-"""Colours of cells."""
+"""Fill colours of obstacle cells, goal cells and the start cell: red, green and blue from 0 to 255."""
 
 _SMALL = 1.0
-"""Size of texts at resistors and pads, in millimetres."""
+"""Height of the letters at resistors and pads, in millimetres."""
 
 
 def draw_schematic(placement: Placement) -> list[Sheet]:
-    """Return the sheets of a board's schematic, the root first.
+    """Return the sheets of a board's schematic, the root sheet first.
 
-    A grid of at most 8 x 8 cells is on the root.  Larger grids have sheets of their own.
+    The root sheet contains the terminals, and a grid of at most 8 x 8 cells. A larger grid is divided into blocks, each
+    on a further sheet.
     """
     circuit = placement.circuit
     columns, rows = placement.shape
@@ -68,14 +69,17 @@ def draw_schematic(placement: Placement) -> list[Sheet]:
 
 
 def _parts(cells: int, most: int) -> list[tuple[int, int]]:
-    """Return ranges (first, end) of at most `most` cells each, of nearly equal lengths."""
+    """Return ranges (first, end) that divide `cells` cells into nearly equal parts of at most `most` cells.
+
+    The cell `end` is not part of a range.
+    """
     count = ceil(cells / most)
     bounds = [round(part * cells / count) for part in range(count + 1)]
     return list(pairwise(bounds))
 
 
 class _Drawing:
-    """Parts of a placement by cell, for drawing blocks of the grid."""
+    """Draws blocks of the grid on sheets; `placement`: parts of the board, which are looked up by their cell."""
 
     def __init__(self, placement: Placement) -> None:
         self._placement, self._circuit = placement, placement.circuit
@@ -91,7 +95,10 @@ class _Drawing:
         self._powers = Counter[str]()
 
     def draw_block(self, sheet: Sheet, across: tuple[int, int], up: tuple[int, int]) -> None:
-        """Draw the cells of a block; `across`, `up`: ranges of columns and rows."""
+        """Draw the cells of a block on `sheet`.
+
+        `across`, `up`: ranges (first, end), without `end`, of its columns and rows.
+        """
         cells = self._circuit.space.cell
         start = self._circuit.wiring.start
         for i in range(*across):
@@ -109,7 +116,10 @@ class _Drawing:
                     self._draw_resistor(sheet, part, (i, j), at, across, up)
 
     def _draw_node(self, sheet: Sheet, cell: Index, at: Point) -> None:
-        """Draw label, test pad and solder jumper of a cell."""
+        """Draw label, test pad and solder jumper of a cell on `sheet`.
+
+        `cell`: (column, row); `at`: place (x, y) in mm.
+        """
         net, (x, y) = self._circuit.cell_nets[cell], at
         pad = self._pads[cell]
         sheet.wires.append((at, (x + 2.54, y - 2.54)))
@@ -132,7 +142,11 @@ class _Drawing:
     def _draw_resistor(
         self, sheet: Sheet, part: GridResistor, cell: Index, at: Point, across: tuple[int, int], up: tuple[int, int]
     ) -> None:
-        """Draw a resistor of a cell with its wires, and the rail or the label at its other end."""
+        """Draw a resistor from the cell at one end, with a wire, a rail or the label of a net at its other end.
+
+        `part`: the resistor; `cell`: the cell (column, row) at one end; `at`: place (x, y) of this cell in millimetres;
+        `across`, `up`: ranges of columns and rows of the sheet, within which the other end is joined by a wire.
+        """
         low, high = part.ends
         other, forward = (high, 1) if cell == low else (low, -1)
         step = (forward, 0) if part.axis == 0 else (0, -forward)
@@ -162,7 +176,11 @@ class _Drawing:
             sheet.labels.append((net, end, turn))
 
     def _power(self, sheet: Sheet, net: str, at: Point, turn: int, *, shown: bool = False) -> None:
-        """Draw the symbol of a rail; `turn`: rotation, 0 if the bar is above; `shown`: whether its name is shown."""
+        """Draw the symbol of a rail on `sheet`.
+
+        `net`: net of the rail; `at`: place (x, y) of the pin in millimetres; `turn`: rotation in degrees, 0 if the bar
+        is above the pin; `shown`: whether the name of the net is shown.
+        """
         self._powers[sheet.name] += 1
         reference = f"#PWR{sheet.name.replace(' ', '')}_{self._powers[sheet.name]}"
         sheet.symbols.append(_power(net, at, turn, reference, shown=shown))
@@ -176,26 +194,34 @@ def _part(
     text: TextPlace,
     model: dict[str, str] | None = None,
 ) -> PlacedSymbol:
-    """Return the symbol of a part of the board; `text`: place of its reference; `model`: its simulation model."""
+    """Return the schematic symbol of a part of the board.
+
+    `placed`: the part; `x`, `y`: place on the sheet in millimetres; `text`: place of the reference; `model`: fields of
+    the simulation model, None if the part is not simulated.
+    """
     footprint = f"{LIBRARY}:{placed.footprint.name}"
     return PlacedSymbol(symbol, placed.reference, placed.value, x, y, 0, footprint, text, None, model)
 
 
 def _closed(pin: int) -> dict[str, str]:
-    """Return the simulation model of a solder bridge between the middle pin and another pin: a source of 0 V."""
+    """Return the simulation model of a solder bridge from the middle pin to pin 1 or 3: a voltage source of 0 V."""
     pins = "1=+ 2=-" if pin == 1 else "2=+ 3=-"
     return {"Sim.Device": "V", "Sim.Type": "DC", "Sim.Params": "dc=0", "Sim.Pins": pins}
 
 
 def _power(net: str, at: Point, turn: int, reference: str, *, shown: bool) -> PlacedSymbol:
-    """Return the symbol of ground or a rail, which names its net."""
+    """Return the symbol of ground or a rail, which gives the wire at its pin the name of the net.
+
+    `net`: name of the net; `at`: place (x, y) of the pin in millimetres; `turn`: rotation in degrees; `reference`: name
+    of the symbol; `shown`: whether the name of the net is shown.
+    """
     symbol = symbols.GROUND if net == GROUND else symbols.RAIL
     text = TextPlace(0.0, 3.9 if symbol is symbols.GROUND else -2.5, _SMALL) if shown else None
     return PlacedSymbol(symbol, reference, net, *at, turn, value_at=text)
 
 
 def _draw_terminals(root: Sheet, placement: Placement, left: float) -> None:
-    """Draw supply, headers and holes on the root; `left`: place of their left end, in millimetres."""
+    """Draw supply terminal, headers and mounting holes on the root sheet; `left`: their left end, in millimetres."""
     y, numbers = 45.72, iter(range(1, 1000))
     rails = {placement.circuit.high_net, GROUND, *placement.circuit.goal_nets}
     for placed in placement.headers:
@@ -227,14 +253,18 @@ def _draw_terminals(root: Sheet, placement: Placement, left: float) -> None:
 
 
 def _sources(circuit: BoardCircuit) -> Iterator[tuple[str, float]]:
-    """Yield net and voltage of every source outside the board."""
+    """Yield net and voltage in volts of every source that is connected to the board: the supply and each goal rail."""
     yield circuit.high_net, circuit.wiring.high
     for net in circuit.goal_nets:
         yield net, circuit.wiring.goal_voltage
 
 
 def _draw_sources(root: Sheet, circuit: BoardCircuit, left: float) -> None:
-    """Draw the sources of the simulation and the flags of driven nets on the root, in rows of six."""
+    """Draw the voltage sources of the simulation on the root sheet, in rows of six.
+
+    Each driven net gets a power flag, so that KiCad's electrical rules accept it. `left`: place of the left end of the
+    rows, in millimetres.
+    """
     y = 213.36
     nets = [*_sources(circuit)]
     root.notes.append(("Supply and closed links, for the simulation only", (left, y - 12.7), 1.8))

@@ -16,28 +16,31 @@ Pad = tuple[str, int]
 """Reference of a part and number of a pad, counted from 1."""
 
 Label = Hashable
-"""Name or number of a net in another circuit."""
+"""Name or number of a net in the circuit that is compared with a record."""
 
 SHOWN = 6
-"""Maximum number of pads that a message lists."""
+"""Maximum number of pads or nets that a message lists."""
 
 MAX_VALUE_ERROR = 1e-9
-"""Largest relative difference of equal values, because tools write values with a limited number of digits."""
+"""Largest relative difference of resistances that count as equal.
+
+Outside tools write values with a limited number of digits.
+"""
 
 _TWO_WAYS = ("resistor", "jumper")
-"""Types of parts whose two pads may be exchanged."""
+"""Types of parts whose two pads are equivalent, so that they may be exchanged."""
 
 
 def pads_of(record: HardwareRecord) -> dict[Pad, str]:
-    """Return the net of every pad of a record."""
+    """Return the net of every pad of a record, by reference of the part and number of the pad."""
     return {(part.reference, number): net for part in record.parts for number, net in enumerate(part.nets, 1)}
 
 
 def compare_nets(record: HardwareRecord, found: Mapping[Pad, Label | None]) -> list[str]:
     """Return a message for every difference between the nets of a record and the nets of another circuit.
 
-    `found`: net of every pad in the other circuit, None for a pad without a connection.  Absent parts and pads, and
-    parts and pads that the record lacks, are differences too.  A resistor or jumper may be turned around.
+    `found`: net of every pad in the other circuit, None for a pad without a connection. Parts and pads that only one of
+    both circuits contains are differences too. The two pads of a resistor or jumper may be exchanged.
     """
     expected = pads_of(record)
     owner = match_nets(expected, found)
@@ -55,10 +58,11 @@ def compare_nets(record: HardwareRecord, found: Mapping[Pad, Label | None]) -> l
 
 
 def match_nets(expected: Mapping[Pad, str], found: Mapping[Pad, Label | None]) -> dict[Label, str]:
-    """Return the expected net that corresponds to each net of another circuit.
+    """Return the expected net that corresponds to each net of another circuit, by the label of the other net.
 
-    `expected`: net of every pad; `found`: net of every pad in the other circuit.  A net corresponds to the net with
-    most of its pads; if several expected nets lie on one net, it corresponds to the one with most pads on it.
+    `expected`: expected net of every pad; `found`: net of every pad in the other circuit, None without a connection. An
+    expected net corresponds to the found net that contains most of its pads. If several expected nets claim one found
+    net, the expected net with most pads on it is chosen, and the others have no entry.
     """
     groups = _groups(expected, found)
     most = {net: max(map(len, labels.values())) for net, labels in groups.items()}
@@ -77,7 +81,11 @@ def match_nets(expected: Mapping[Pad, str], found: Mapping[Pad, Label | None]) -
 def _groups(
     expected: Mapping[Pad, str], found: Mapping[Pad, Label | None]
 ) -> dict[str, dict[Label, list[Pad]]]:  # fmt: skip
-    """Return the pads of every expected net, grouped by their net in the other circuit."""
+    """Return the pads of every expected net, grouped by their net in another circuit.
+
+    `expected`: expected net of every pad; `found`: net of every pad in the other circuit. Pads without a net are left
+    out.
+    """
     groups: defaultdict[str, dict[Label, list[Pad]]] = defaultdict(dict)
     for pad, net in expected.items():
         label = found.get(pad)
@@ -89,7 +97,11 @@ def _groups(
 def _turned_parts(
     record: HardwareRecord, found: Mapping[Pad, Label | None], owner: Mapping[Label, str]
 ) -> Iterator[str]:  # fmt: skip
-    """Yield the reference of every part with two equal pads that are exchanged."""
+    """Yield the reference of every resistor or jumper whose two pads are exchanged in another circuit.
+
+    `found`: net of every pad in the other circuit; `owner`: expected net that corresponds to each net of the other
+    circuit.
+    """
     for part in record.parts:
         if part.type in _TWO_WAYS and len(part.nets) == 2:
             here = [owner.get(found.get((part.reference, number))) for number in (1, 2)]
@@ -98,10 +110,10 @@ def _turned_parts(
 
 
 def _differences(net: str, groups: Mapping[Label, Sequence[Pad]], owner: Mapping[Label, str]) -> Iterator[str]:
-    """Yield a message for every difference of one expected net.
+    """Yield a message for every difference of one net of a record.
 
-    `net`: its name; `groups`: its pads by their net in the other circuit; `owner`: expected net by net in the other
-    circuit.
+    `net`: name of the net; `groups`: its pads, grouped by their net in the other circuit; `owner`: net of the record
+    that corresponds to each net of the other circuit.
     """
     strangers = {label: pads for label, pads in groups.items() if owner.get(label, net) != net}
     own = [pads for label, pads in groups.items() if label not in strangers]
@@ -123,7 +135,7 @@ def short_circuit(net: str, other: str) -> str:
 
 
 def _absent(record: HardwareRecord, found: Mapping[Pad, Label | None]) -> Iterator[str]:
-    """Yield a message for every part or pad of a record that another circuit lacks."""
+    """Yield a message for every part or pad of a record that is absent in `found`, the pads of another circuit."""
     for part in record.parts:
         numbers = [number for number in range(1, len(part.nets) + 1) if (part.reference, number) not in found]
         if numbers and len(numbers) == len(part.nets):
@@ -133,13 +145,13 @@ def _absent(record: HardwareRecord, found: Mapping[Pad, Label | None]) -> Iterat
 
 
 def _between(part: Part) -> str:
-    """Return words about the nets of a part."""
+    """Return text about the nets of a part, such as "between n_1_2 and n_2_2"; empty for more than two nets."""
     nets = list(dict.fromkeys(part.nets))
     return f" on {nets[0]}" if len(nets) == 1 else f" between {nets[0]} and {nets[1]}" if len(nets) == 2 else ""
 
 
 def _unknown(expected: Mapping[Pad, str], found: Iterable[Pad]) -> Iterator[str]:
-    """Yield a message for every part or pad of another circuit that the record lacks."""
+    """Yield a message for every part or pad in `found`, the pads of another circuit, that is not in `expected`."""
     known = {reference for reference, _ in expected}
     extra = sorted(set(found) - set(expected), key=lambda pad: (natural_order(pad[0]), pad[1]))
     for pad in extra:
@@ -147,9 +159,10 @@ def _unknown(expected: Mapping[Pad, str], found: Iterable[Pad]) -> Iterator[str]
 
 
 def compare_values(record: HardwareRecord, found: Mapping[str, float | None]) -> list[str]:
-    """Return a message for every resistor whose value differs from the record.
+    """Return a message for every resistor whose resistance differs from the record.
 
-    `found`: resistance in ohms by reference, None for a value that is not a number.  Absent parts give no message.
+    `found`: resistance in ohms by reference, None for text that is not a number. Resistors without an entry give no
+    message.
     """
     messages = []
     for part in record.parts:
@@ -163,11 +176,11 @@ def compare_values(record: HardwareRecord, found: Mapping[str, float | None]) ->
 
 @dataclass(frozen=True)
 class VoltageComparison:
-    """Comparison of node voltages.
+    """Differences between the voltages of a record and those of another circuit.
 
-    `max_abs_error`: largest difference in volts, None if nothing was compared; `max_relative_error`: this difference
-    relative to the supply; `nodes`: number of nets compared; `worst`: net, expected and found voltage of the largest
-    differences; `findings`: messages.
+    `max_abs_error`: largest difference in volts, None if no net was compared; `max_relative_error`: this difference as
+    a fraction of the supply; `nodes`: number of nets compared; `worst`: net, expected and found voltage in volts, for
+    the nets with the largest differences; `findings`: messages about differences above the tolerance.
     """
 
     max_abs_error: float | None = None
@@ -209,17 +222,17 @@ def supply_of(record: HardwareRecord) -> float:
 
 
 def _name(pad: Pad) -> str:
-    """Return words for a pad: ``R17: pad 2``."""
+    """Return the text for a pad: ``R17: pad 2``."""
     return f"{pad[0]}: pad {pad[1]}"
 
 
 def _list(names: Sequence[Pad] | Sequence[str]) -> str:
-    """Return a list of pads or nets as text, at most `SHOWN` of them."""
+    """Return a list of pads or nets as text: the first `SHOWN` of them, and the number of the others."""
     words = [name if isinstance(name, str) else f"{name[0]}.{name[1]}" for name in names]
     rest = len(words) - SHOWN
     return ", ".join(words[:SHOWN]) + (f" and {rest} more" if rest > 0 else "")
 
 
 def _number(count: int) -> str:
-    """Return a number of parts in words, as digits above three."""
+    """Return a count from 2 as text: ``two``, ``three``, then digits."""
     return {2: "two", 3: "three"}.get(count, str(count))

@@ -21,7 +21,11 @@ from resgrid.hardware.gerber_apertures import ARC_STEPS
 
 @dataclass(frozen=True)
 class Contact:
-    """A place where copper of two stated nets touches; `nets`: both; `position`: x and y in mm; `layer`: its number."""
+    """A place where copper shapes with different stated nets touch.
+
+    `nets`: names of both nets; `position`: x and y in mm, y upwards; `layer`: number of the copper layer, 1 for the
+    front.
+    """
 
     nets: tuple[str, str]
     position: tuple[float, float]
@@ -34,11 +38,11 @@ class Contact:
 
 @dataclass(frozen=True, eq=False)
 class Copper:
-    """Connected copper.
+    """Connected copper of a board, found from its shapes (polygons) on all layers.
 
-    `trees`: spatial index of the shapes of each layer, front first; `island`: number of the connected copper of each
-    shape, for all layers one after another, int, shape (shapes,); `first`: number of the first shape of each layer;
-    `contacts`: places where copper of different stated nets touches.
+    `trees`: spatial index of the shapes of each layer, front first; `island`: for each shape the number of the set of
+    connected shapes to which it belongs, int, shape (shapes,), layer by layer; `first`: index in `island` of the first
+    shape of each layer; `contacts`: places where copper of different stated nets touches.
     """
 
     trees: tuple[Any, ...]
@@ -47,7 +51,7 @@ class Copper:
     contacts: tuple[Contact, ...]
 
     def probe(self, position: tuple[float, float], access: int) -> int | None:
-        """Return the number of the connected copper at a point, None without copper.
+        """Return the number of the set of connected copper shapes at a point, None without copper.
 
         `position`: x and y in millimetres; `access`: number of the layer, from 1 for the front, 0 for any layer.
         """
@@ -65,8 +69,8 @@ class Copper:
 def connect_copper(layers: Sequence[list[CopperShape]], plated: Sequence[Hole], unplated: Sequence[Hole]) -> Copper:
     """Return the connected copper of a board.
 
-    `layers`: copper of each layer, front first; `plated`: holes whose wall connects all layers; `unplated`: holes that
-    only remove copper.
+    `layers`: copper shapes of each layer, front first; `plated`: holes whose plated walls connect all layers;
+    `unplated`: holes that only remove copper.
     """
     from shapely import STRtree
 
@@ -98,7 +102,7 @@ def _drilled(shapes: list[CopperShape], holes: Sequence[Hole]) -> list[CopperSha
 
 
 def outline(hole: Hole) -> Any:
-    """Return the polygon of a hole or slot in millimetres."""
+    """Return the polygon of a drilled hole or slot, in millimetres."""
     from shapely import LineString, Point
 
     line = Point(hole.start) if hole.start == hole.end else LineString([hole.start, hole.end])
@@ -106,15 +110,15 @@ def outline(hole: Hole) -> Any:
 
 
 def _touching(tree: Any) -> NDArray[np.int64]:
-    """Return the pairs of touching shapes of a layer, int, shape (2, pairs)."""
+    """Return the pairs of touching shapes of a layer as indices into its spatial index, int, shape (2, pairs)."""
     pairs: NDArray[np.int64] = tree.query(tree.geometries, predicate="intersects").astype(np.int64)
     return pairs[:, pairs[0] < pairs[1]]
 
 
 def _through(trees: Sequence[Any], first: Sequence[int], holes: Sequence[Hole]) -> NDArray[np.int64]:
-    """Return the pairs of shapes that plated holes connect, int, shape (2, pairs).
+    """Return the pairs of shapes that plated holes connect, as indices into all shapes, int, shape (2, pairs).
 
-    `trees`: spatial index of each layer; `first`: number of the first shape of each layer; `holes`: the plated holes.
+    `trees`: spatial index of the shapes of each layer; `first`: index of the first shape of each layer.
     """
     pairs: list[tuple[int, int]] = []
     for hole in holes:
@@ -131,9 +135,9 @@ def _through(trees: Sequence[Any], first: Sequence[int], holes: Sequence[Hole]) 
 def _contacts(
     shapes: Sequence[CopperShape], rows: NDArray[np.int64], columns: NDArray[np.int64], first: Sequence[int]
 ) -> list[Contact]:
-    """Return the places where shapes of different stated nets touch.
+    """Return one place for each pair of different stated nets whose shapes touch.
 
-    `shapes`: shapes of all layers; `rows`, `columns`: numbers of the shapes of each touching pair; `first`: number of
+    `shapes`: shapes of all layers; `rows`, `columns`: indices of the shapes of each touching pair; `first`: index of
     the first shape of each layer.
     """
     from shapely.ops import nearest_points

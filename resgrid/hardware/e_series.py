@@ -10,7 +10,7 @@ from resgrid.scene.quantities import prefix_of
 
 
 def nearest_e96(resistance: ArrayLike) -> NDArray[np.float64]:
-    """Return the nearest values (by ratio) of the E96 series of IEC 60063, in ohms.
+    """Return the nearest resistances, by ratio, of the E96 series of IEC 60063, in ohms, in the shape of the argument.
 
     `resistance` (any shape): positive resistances, in ohms.
     """

@@ -16,7 +16,10 @@ _IGNORED = re.compile(r"M48|FMAT,2|G90|G05|%|M95|T0+|ICI,OFF|M71|M72|")
 
 @dataclass(frozen=True)
 class Hole:
-    """A drilled hole or slot; `start`, `end`: its ends, equal for a hole; `diameter`: its width; all in millimetres."""
+    """A drilled hole or slot; lengths are in millimetres.
+
+    `start`, `end`: centres (x, y) of its two ends, equal for a round hole; `diameter`: diameter of the drill.
+    """
 
     start: tuple[float, float]
     end: tuple[float, float]
@@ -24,7 +27,7 @@ class Hole:
 
 
 def read_excellon(path: Path) -> list[Hole]:
-    """Return the holes of a drill file; raise InputError with the line for damaged or unsupported files."""
+    """Return the holes of a drill file; raise InputError, which names the line, for damaged or unsupported files."""
     return parse_excellon(read_text(path), str(path))
 
 
@@ -55,5 +58,8 @@ def parse_excellon(text: str, name: str = "<text>") -> list[Hole]:
 
 
 def _moved(point: tuple[float, float], x: str | None, y: str | None, unit: float) -> tuple[float, float]:
-    """Return a point with the coordinates that a command contains; `x`, `y`: text or None; `unit`: millimetres."""
+    """Return a point in mm.
+
+    `x`, `y`: new coordinates as text, None to keep the old; `unit`: mm per unit of the file.
+    """
     return (point[0] if x is None else float(x) * unit, point[1] if y is None else float(y) * unit)

@@ -21,10 +21,10 @@ from resgrid.spice.run.ngspice import SimulatorRun, simulate
 
 @dataclass(frozen=True)
 class SpiceNetlist:
-    """Content of KiCad's SPICE netlist.
+    """Content of KiCad's SPICE netlist of a schematic.
 
-    `text`: the netlist; `nets`: node of every pad of its resistors; `values`: resistance in ohms by reference;
-    `sources`: plus node, minus node and volts of every voltage source.
+    `text`: the netlist; `nets`: name of the node of every pad of its resistors; `values`: resistance in ohms by
+    reference; `sources`: names of the plus and the minus node, and volts, of every voltage source.
     """
 
     text: str
@@ -56,9 +56,9 @@ def read_kicad_spice(text: str) -> SpiceNetlist:
 def simulate_kicad_spice(
     record: HardwareRecord, netlist: SpiceNetlist, timeout: float
 ) -> tuple[dict[str, float], SimulatorRun]:
-    """Return the voltages, by net of the record, that ngspice computes for KiCad's SPICE netlist, and the run itself.
+    """Return the voltages in volts that ngspice computes for KiCad's SPICE netlist, by net of the record, and the run.
 
-    Sources and closed jumpers of the record are added, unless the netlist has a source between the same nodes.
+    Sources and closed jumpers of the record are added to the netlist, unless it has a source between the same nodes.
     `timeout`: longest run, in seconds.
     """
     owner = match_nets(pads_of(record), netlist.nets)
@@ -79,7 +79,7 @@ def simulate_kicad_spice(
 
 
 def _sources(record: HardwareRecord) -> Iterator[tuple[str, str, float]]:
-    """Yield plus net, minus net and volts of every source of a record, and of every connection by a closed jumper."""
+    """Yield plus net, minus net and volts of every source of a record, and of every closed jumper (0 V)."""
     for source in record.sources:
         yield source.positive, source.negative, source.volts
     for part in record.parts:
@@ -91,10 +91,10 @@ def _sources(record: HardwareRecord) -> Iterator[tuple[str, str, float]]:
 def solve_extracted(
     record: HardwareRecord, found: Mapping[Pad, Label | None], values: Mapping[str, float | None]
 ) -> dict[str, float]:
-    """Return the voltages of an extracted circuit by net of the record, in volts, without nets that float.
+    """Return the voltages of an extracted circuit in volts, by net of the record, without nets that float.
 
-    `record`: the record, for its sources and closed jumpers; `found`: net of every pad in the extracted circuit;
-    `values`: resistance in ohms by reference.  Raises InputError if a resistor has no value.
+    `record`: gives the sources and closed jumpers; `found`: net of every pad in the extracted circuit, None for a pad
+    without a connection; `values`: resistance in ohms by reference. Raises InputError if a resistor has no value.
     """
     owner = match_nets(pads_of(record), found)
     label_of: dict[str, Label] = {net: label for label, net in owner.items()}
@@ -126,7 +126,10 @@ def solve_extracted(
 
 
 def _value(reference: str, values: Mapping[str, float | None]) -> float:
-    """Return the resistance of a part in ohms; raise InputError if it is unknown or not positive."""
+    """Return the resistance of a part in ohms; raise InputError if it is unknown, not positive or infinite.
+
+    `reference`: name of the part; `values`: resistances by reference.
+    """
     value = values.get(reference)
     if value is None or not 0 < value < math.inf:
         raise InputError(f"{reference} has no resistance; give it a value such as 10k")

@@ -34,7 +34,10 @@ _FUNCTIONS = {"G01": 1, "G1": 1, "G02": 2, "G2": 2, "G03": 3, "G3": 3}
 
 @dataclass(frozen=True)
 class CopperShape:
-    """A connected piece of copper; `geometry`: polygon in millimetres; `net`: net that the file states, or empty."""
+    """A connected piece of copper.
+
+    `geometry`: polygon of shapely in millimetres; `net`: name of the net that the file states, empty without one.
+    """
 
     geometry: Any
     net: str
@@ -44,10 +47,12 @@ class CopperShape:
 class _State:
     """State of the plotter of a Gerber file.
 
-    `scale`: length of a coordinate unit in millimetres; `point`: current point in millimetres; `mode`: 1 for lines, 2
-    and 3 for clockwise and counterclockwise arcs; `current`: selected aperture; `contour`: points of the current
-    contour, None outside regions; `dark`: polarity; `net`: attribute ``.N`` of objects; `apertures`: apertures by
-    number; `macros`: primitives by macro name; `shapes`: finished objects.
+    `place`: name of the file, for messages; `unit`: millimetres per unit of the file (1 or 25.4); `scale`: units of the
+    file per integer coordinate; `point`: current point in millimetres; `mode`: 1 for lines, 2 and 3 for clockwise and
+    counterclockwise arcs; `current`: selected aperture, None before the first selection; `contour`: points of the
+    current contour in millimetres, None outside regions; `dark`: whether objects add copper (they remove it otherwise);
+    `net`: attribute ``.N`` of objects; `apertures`: apertures by number; `macros`: primitives by macro name; `shapes`:
+    finished objects.
     """
 
     place: str
@@ -65,14 +70,14 @@ class _State:
 
 
 def read_gerber(path: Path) -> list[CopperShape]:
-    """Return the copper of a Gerber layer; raise InputError for a damaged file or an unsupported command."""
+    """Return the copper shapes of a Gerber layer; raise InputError for a damaged file or an unsupported command."""
     return parse_gerber(read_text(path), str(path))
 
 
 def parse_gerber(text: str, name: str = "<text>") -> list[CopperShape]:
-    """Return the copper of a layer in Gerber format: connected polygons in millimetres, y upwards.
+    """Return the copper shapes of a layer in Gerber format: connected polygons in millimetres, y upwards.
 
-    `text`: content of the file; `name`: name of the file in messages.  Raises InputError for damaged text and for
+    `text`: content of the file; `name`: name of the file in messages. Raises InputError for damaged text and for
     commands that are not supported.
     """
     state = _State(name)
@@ -92,14 +97,14 @@ def parse_gerber(text: str, name: str = "<text>") -> list[CopperShape]:
 
 
 def _unknown(state: _State, command: str) -> InputError:
-    """Return the InputError for a command that this reader does not support."""
+    """Return the InputError for a command that this reader does not support; `state`: state of the plotter."""
     return InputError(
         f"{state.place}: Gerber command {command.strip()[:40]!r} is not supported; use KiCad's Gerber files"
     )
 
 
 def _do_extended(state: _State, text: str) -> None:
-    """Execute an extended command; `text`: the text between percent signs."""
+    """Execute an extended command, and change `state`; `text`: the text between the percent signs."""
     if text.startswith("AM"):
         name, primitives = parse_macro(text, state.place)
         state.macros[name] = primitives
@@ -123,12 +128,12 @@ def _do_extended(state: _State, text: str) -> None:
 
 
 def _unescaped(text: str) -> str:
-    """Return an attribute's value with its escapes of four hexadecimal digits replaced."""
+    """Return the value of a Gerber attribute with escapes of four hexadecimal digits replaced by characters."""
     return re.sub(r"\\u([0-9a-fA-F]{4})", lambda match: chr(int(match[1], 16)), text)
 
 
 def _do_word(state: _State, word: str) -> None:
-    """Execute a word command: a mode, an aperture, or an operation."""
+    """Execute a command `word`, which sets a mode, selects an aperture or draws, and change `state`."""
     if word.startswith("G04"):
         return
     for code, mode in _FUNCTIONS.items():
@@ -151,7 +156,10 @@ def _do_word(state: _State, word: str) -> None:
 
 
 def _operate(state: _State, match: re.Match[str]) -> None:
-    """Draw, move or flash; `match`: match of the operation."""
+    """Draw a line or arc, move, or flash the aperture, and change `state`.
+
+    `match`: match of the command with `_OPERATION`.
+    """
     size = state.scale * state.unit
     end = tuple(int(match[axis]) * size if match[axis] else old for axis, old in zip("xy", state.point, strict=True))
     target = (end[0], end[1])
@@ -172,14 +180,14 @@ def _operate(state: _State, match: re.Match[str]) -> None:
 
 
 def _selected(state: _State) -> Aperture:
-    """Return the selected aperture; raise InputError if the file has selected none."""
+    """Return the selected aperture; raise InputError if no aperture was selected before."""
     if state.current is None:
         raise InputError(f"{state.place}: an object has no aperture; is the file complete?")
     return state.current
 
 
 def _drawn(state: _State, points: list[tuple[float, float]]) -> Any:
-    """Return the polygon of a line that a circular aperture draws; `points`: its corners in millimetres."""
+    """Return the polygon of a line that the selected circular aperture draws; `points`: its corners in millimetres."""
     from shapely import LineString, Point
 
     width = _selected(state).diameter
@@ -194,7 +202,10 @@ def _drawn(state: _State, points: list[tuple[float, float]]) -> Any:
 def _arc(
     start: tuple[float, float], end: tuple[float, float], offset: tuple[float, float], clockwise: bool
 ) -> Iterator[tuple[float, float]]:
-    """Yield the points of an arc after its start; `offset`: centre relative to the start, all in millimetres."""
+    """Yield the points of an arc after its start, in millimetres.
+
+    `offset`: centre of the arc relative to `start`; all points in millimetres. Equal ends give a full circle.
+    """
     centre = (start[0] + offset[0], start[1] + offset[1])
     first = math.atan2(-offset[1], -offset[0])
     turn = math.atan2(end[1] - centre[1], end[0] - centre[0]) - first
@@ -209,7 +220,7 @@ def _arc(
 
 
 def _close_contour(state: _State) -> None:
-    """Add the region of the current contour, if it has an area."""
+    """Add the region inside the current contour to the objects of `state`, if it has an area, and empty the contour."""
     from shapely import Polygon, make_valid
 
     if state.contour and len(state.contour) > 3:
@@ -219,7 +230,10 @@ def _close_contour(state: _State) -> None:
 
 
 def _add(state: _State, geometry: Any) -> None:
-    """Add an object of dark polarity; subtract one of clear polarity from the objects before it."""
+    """Add an object to the shapes of `state`; with clear polarity, subtract it from the shapes instead.
+
+    `geometry`: polygon in millimetres.
+    """
     if state.dark:
         state.shapes.append(CopperShape(geometry, state.net))
     else:
@@ -227,7 +241,7 @@ def _add(state: _State, geometry: Any) -> None:
 
 
 def subtract(shapes: list[CopperShape], geometry: Any) -> list[CopperShape]:
-    """Return shapes without the area of a geometry."""
+    """Return shapes without the area of a geometry, which may leave a shape empty or in several polygons."""
     return [
         CopperShape(shape.geometry.difference(geometry), shape.net) if shape.geometry.intersects(geometry) else shape
         for shape in shapes

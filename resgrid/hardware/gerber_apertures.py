@@ -13,7 +13,7 @@ from typing import Any
 from resgrid.errors import InputError
 
 ARC_STEPS = 16
-"""Number of chords of a quarter circle; the chords of a pad of 2 mm lie within 1.2 micrometres of its edge."""
+"""Number of chords that replace a quarter circle; those of a pad of 2 mm lie within 1.2 micrometres of its edge."""
 
 _DEFINITION = re.compile(r"ADD(\d+)([A-Za-z_.$][\w.$-]*)(?:,(.*))?")
 _OPERATORS: dict[type, Callable[[float, float], float]] = {
@@ -23,22 +23,27 @@ _OPERATORS: dict[type, Callable[[float, float], float]] = {
 
 @dataclass(frozen=True)
 class Aperture:
-    """A plotted shape; `geometry`: polygon around the origin, in mm; `diameter`: of a circle in mm, None for others."""
+    """A shape with which a plotter draws lines or which it flashes.
+
+    `geometry`: polygon of shapely around the origin, in millimetres; `diameter`: diameter of a circle in millimetres,
+    None for other shapes.
+    """
 
     geometry: Any
     diameter: float | None = None
 
     def flash(self, point: tuple[float, float]) -> Any:
-        """Return the polygon of this aperture at a point in millimetres."""
+        """Return the polygon of this aperture, moved to a point; lengths in millimetres."""
         from shapely.affinity import translate
 
         return translate(self.geometry, *point)
 
 
 def parse_macro(text: str, place: str) -> tuple[str, list[list[str]]]:
-    """Return the name of an aperture macro and its primitives, each as a list of expressions.
+    """Return the name of an aperture macro and its primitives, each as a list of arithmetic expressions.
 
-    `text`: the command between percent signs; `place`: name of the file, for messages.
+    `text`: the command between percent signs; `place`: name of the file, for messages. Raises InputError for a macro
+    that defines a variable.
     """
     blocks = [block.replace("\n", "").replace("\r", "").strip() for block in text.split("*")]
     primitives = []
@@ -54,7 +59,7 @@ def aperture(command: str, macros: dict[str, list[list[str]]], unit: float, plac
     """Return the number and the shape of an aperture.
 
     `command`: definition such as ``ADD10C,0.5``; `macros`: primitives by name; `unit`: millimetres of the file's unit;
-    `place`: name of the file, for messages.  Raises InputError for unsupported shapes.
+    `place`: name of the file, for messages.  Raises InputError for damaged definitions.
     """
     match = _DEFINITION.fullmatch(command)
     if match is None:
@@ -70,16 +75,17 @@ def aperture(command: str, macros: dict[str, list[list[str]]], unit: float, plac
 
 
 def _scaled(geometry: Any, unit: float) -> Any:
-    """Return a geometry in millimetres; `unit`: millimetres of its unit."""
+    """Return a geometry in millimetres; `unit`: length of one unit of its coordinates, in millimetres."""
     from shapely.affinity import scale
 
     return geometry if unit == 1 else scale(geometry, unit, unit, origin=(0, 0))
 
 
 def _standard(name: str, size: list[float], values: list[float], place: str) -> Aperture:
-    """Return a circle, rectangle, obround or regular polygon.
+    """Return the aperture of a circle, rectangle, obround or regular polygon.
 
-    `name`: C, R, O or P; `size`: parameters in millimetres; `values`: parameters as written; `place`: for messages.
+    `name`: C, R, O or P; `size`: parameters as lengths in millimetres; `values`: parameters as written, for numbers of
+    corners and angles in degrees; `place`: name of the file, for messages.
     """
     from shapely import LineString, Point, Polygon, box
 
@@ -101,14 +107,18 @@ def _standard(name: str, size: list[float], values: list[float], place: str) -> 
 
 
 def _ring(body: Any, hole: list[float]) -> Any:
-    """Return a polygon without its hole; `hole`: empty, or the diameter of the hole in millimetres."""
+    """Return a polygon without a round hole at the origin; `hole`: empty, or one entry, the hole's diameter in mm."""
     from shapely import Point
 
     return body.difference(Point(0, 0).buffer(hole[0] / 2, quad_segs=ARC_STEPS)) if hole else body
 
 
 def _macro(primitives: list[list[str]], values: list[float], place: str) -> Any:
-    """Return the polygon of a macro; `primitives`: expressions; `values`: parameters; `place`: for messages."""
+    """Return the polygon of an aperture macro, in units of the file.
+
+    `primitives`: the expressions of each primitive; `values`: parameters of the aperture; `place`: name of the file,
+    for messages.
+    """
     from shapely import Polygon
 
     body: Any = Polygon()
@@ -120,7 +130,10 @@ def _macro(primitives: list[list[str]], values: list[float], place: str) -> Any:
 
 
 def _primitive(code: int, n: list[float], place: str) -> tuple[Any, bool]:
-    """Return the polygon of a macro primitive and whether it adds copper; `code`, `n`: its code and parameters."""
+    """Return the polygon of a macro primitive and whether it adds copper.
+
+    `code`: number of the primitive in the Gerber specification; `n`: its parameters, in units of the file and degrees.
+    """
     from shapely import LineString, Point, Polygon, box
     from shapely.affinity import rotate
 
@@ -151,7 +164,7 @@ def _evaluate(expression: str, values: list[float]) -> float:
 
 
 def _value(node: ast.expr) -> float:
-    """Return the value of a parsed arithmetic expression; raise ValueError for anything else."""
+    """Return the value of a parsed arithmetic expression; raise ValueError for other expressions."""
     if isinstance(node, ast.Constant) and isinstance(node.value, int | float):
         return float(node.value)
     if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub | ast.UAdd):

@@ -15,7 +15,7 @@ from resgrid._internal.files import read_text
 from resgrid.errors import InputError
 
 NO_NET = "N/C"
-"""Net of pads that are not connected."""
+"""Name that an IPC-D-356 file gives to the net of pads that are not connected."""
 
 _UNITS = {"CUST 0": 2.54e-3, "CUST": 2.54e-3, "CUST 1": 1e-3, "SI": 1e-3, "CUST 2": 2.54e-3}
 """Length of one unit of coordinates in millimetres, by the parameter UNITS: 0.0001 inch or 0.001 mm."""
@@ -47,13 +47,13 @@ class TestPoint:
 
 
 def read_ipc_d356(file: str | Path) -> tuple[TestPoint, ...]:
-    """Return the test points of an IPC-D-356 file; raise InputError with the line for a damaged file."""
+    """Return the test points of an IPC-D-356 file; raise InputError, which names the line, for a damaged file."""
     path = Path(file)
     return parse_ipc_d356(read_text(path), str(path))
 
 
 def parse_ipc_d356(text: str, name: str = "<text>") -> tuple[TestPoint, ...]:
-    """Return the test points of a text in the format IPC-D-356; raise InputError with the line for damaged text.
+    """Return the test points of a text in the format IPC-D-356; raise InputError, which names the line, for damage.
 
     `name`: name of the file in messages.
     """
@@ -77,18 +77,21 @@ def parse_ipc_d356(text: str, name: str = "<text>") -> tuple[TestPoint, ...]:
 
 
 def _unit(words: str, place: str) -> float:
-    """Return the unit of coordinates in millimetres; `words`: value of the parameter UNITS; `place`: for messages."""
+    """Return the length of one unit of coordinates in millimetres.
+
+    `words`: value of the parameter UNITS; `place`: name of the file and line, for messages.
+    """
     if words not in _UNITS:
         raise InputError(f"{place}: units {words!r} are unknown; write the file again with units CUST 0, CUST 1 or SI")
     return _UNITS[words]
 
 
 def _point(line: str, unit: float, long_names: dict[str, str], previous: TestPoint | None, place: str) -> TestPoint:
-    """Return the test point of a record.
+    """Return the test point that a line of the file describes.
 
-    `line`: the record; `unit`: length of one unit in millimetres; `long_names`: names of nets by their alias NNAMEn;
-    `previous`: point that a continuation record continues, which gives blank columns their values; `place`: for
-    messages.
+    `line`: a record of 80 columns; `unit`: length of one unit of coordinates in millimetres; `long_names`: names of
+    nets by their alias, such as ``NNAME1``; `previous`: test point that this line continues, from which it takes blank
+    columns, else None; `place`: name of the file and line, for messages.
     """
     net = line[3:17].strip() or (previous.net if previous else "")
     hole = _number(line[33:37], place) * unit if line[32:33] == "D" else None
@@ -104,14 +107,20 @@ def _point(line: str, unit: float, long_names: dict[str, str], previous: TestPoi
 
 
 def _coordinate(line: str, column: int, letter: str, place: str) -> int:
-    """Return the coordinate after a letter; `column`: index of the letter in the record; `place`: for messages."""
+    """Return the coordinate in a line, in units of the file; raise InputError if its letter is missing.
+
+    `column`: index of the letter in the line; `letter`: "X" or "Y"; `place`: name of the file and line, for messages.
+    """
     if line[column : column + 1] != letter:
         raise InputError(f"{place}: column {column + 1} holds {line[column : column + 1]!r} instead of {letter}")
     return int(_number(line[column + 1 : column + 8], place))
 
 
 def _number(digits: str, place: str) -> int:
-    """Return a number in fixed columns; raise InputError for other text; `place`: for messages."""
+    """Return the whole number in some columns of a line; raise InputError for other text.
+
+    `digits`: text of the columns; `place`: name of the file and line, for messages.
+    """
     if not _COORDINATE.fullmatch(digits.strip()):
         raise InputError(f"{place}: {digits!r} is not a number; write the file again")
     return int(digits)

@@ -28,12 +28,12 @@ _TABLES = ("fp-lib-table", "sym-lib-table")
 _DRC, _ERC, _TEST, _PLACES, _SPICE = "drc.json", "erc.json", "board.d356", "places.csv", "board.cir"
 _ORIGIN = re.compile(r"\(aux_axis_origin\s+(\S+)\s+([^\s)]+)\s*\)")
 _RUNS = 2
-"""Number of kicad-cli processes at the same time; each needs about 200 MB."""
+"""Number of kicad-cli processes that run at the same time; each needs about 200 MB of memory."""
 
 
 @dataclass(frozen=True)
 class RuleReport:
-    """Result of a rule check; `errors`: one message per violation; `warnings`: number of warnings by type."""
+    """Result of rule checks; `errors`: one message per violation; `warnings`: number of warnings by KiCad's type."""
 
     errors: tuple[str, ...] = ()
     warnings: Mapping[str, int] = field(default_factory=dict)
@@ -41,11 +41,12 @@ class RuleReport:
 
 @dataclass(frozen=True, eq=False)
 class BoardReports:
-    """Everything that kicad-cli returns about a board.
+    """Reports and files of kicad-cli about a board.
 
-    `rules`: design rules, and electrical rules of the schematic; `points`: test points of the IPC-D-356 file; `copper`:
-    connected copper of the Gerber layers and drill files; `order`: differences of ``gerbers.zip`` from the board;
-    `values`: text of each part's value on the board; `spice`: SPICE netlist of the schematic, None without a schematic.
+    `rules`: violations of design rules, and of electrical rules of the schematic; `points`: test points of the
+    IPC-D-356 file; `copper`: connected copper of the Gerber layers and drill files; `order`: one message for each
+    difference of ``gerbers.zip`` from the board; `values`: text of each part's value on the board, by reference;
+    `spice`: SPICE netlist of the schematic, None without a schematic.
     """
 
     rules: RuleReport
@@ -57,10 +58,10 @@ class BoardReports:
 
 
 def report_board(kicad: KicadCli, board: Path, folder: Path, timeout: float) -> BoardReports:
-    """Run kicad-cli on a copy of a board, and return its reports; raise InputError if kicad-cli cannot read the board.
+    """Run kicad-cli on a copy of a board, and return its reports.
 
-    `board`: the file ``.kicad_pcb``; `folder`: empty temporary folder; `timeout`: longest run of kicad-cli, in
-    seconds.
+    `board`: the file ``.kicad_pcb``; `folder`: empty temporary folder; `timeout`: longest run of kicad-cli, in seconds.
+    Raises InputError if kicad-cli cannot read the board.
     """
     copy = _copy_project(board, folder)
     schematic = copy.with_suffix(".kicad_sch")
@@ -96,7 +97,10 @@ def report_board(kicad: KicadCli, board: Path, folder: Path, timeout: float) -> 
 
 
 def _copy_project(board: Path, folder: Path) -> Path:
-    """Copy the files of a KiCad project, because kicad-cli writes next to them; return the path of the copied board."""
+    """Copy the files of a KiCad project to `folder`, because kicad-cli writes next to them.
+
+    Return the path of the copied board.
+    """
     for file in sorted(board.parent.iterdir()):
         if file.suffix == ".pretty" and file.is_dir():
             shutil.copytree(file, folder / file.name)
@@ -106,7 +110,11 @@ def _copy_project(board: Path, folder: Path) -> Path:
 
 
 def _rules(folder: Path) -> RuleReport:
-    """Return the design-rule errors, the differences from the schematic, and the electrical-rule errors of a board."""
+    """Return the errors and warnings of kicad-cli's rule checks of a board.
+
+    Errors are violations of design rules, of electrical rules, and differences between schematic and board. `folder`:
+    folder with the JSON reports of kicad-cli.
+    """
     design = json.loads(read_text(folder / _DRC))
     electrical = folder / _ERC
     sheets = json.loads(read_text(electrical))["sheets"] if electrical.exists() else []
@@ -127,7 +135,7 @@ def _rules(folder: Path) -> RuleReport:
 
 
 def _violation(violation: Mapping[str, Any]) -> str:
-    """Return one line about a violation, with its items and their places."""
+    """Return one line of text about a violation in a report of kicad-cli, with its items and their places in mm."""
     items = [
         f"{item['description']} at ({item['pos']['x']:.2f}, {item['pos']['y']:.2f}) mm" for item in violation["items"]
     ]
@@ -146,7 +154,10 @@ def _on_board(points: Iterable[TestPoint], board: str) -> tuple[TestPoint, ...]:
 
 
 def _layers(gerbers: Path) -> dict[int, list[CopperShape]]:
-    """Return the copper of each layer by its number, from 1 for the front; `gerbers`: folder of Gerber files."""
+    """Return the copper shapes of each layer, by the number of the layer, 1 for the front.
+
+    `gerbers`: folder of Gerber files.
+    """
     layers = {}
     for file in sorted(gerbers.iterdir()):
         if file.suffix.startswith((".g", ".G")) and (number := copper_layer(read_text(file))):
@@ -157,30 +168,37 @@ def _layers(gerbers: Path) -> dict[int, list[CopperShape]]:
 
 
 def _holes(gerbers: Path, kind: str) -> list[Hole]:
-    """Return the holes of a kind, "PTH" (plated) or "NPTH"; `gerbers`: folder of drill files."""
+    """Return the holes of a board.
+
+    `gerbers`: folder of drill files; `kind`: "PTH" for plated holes, "NPTH" for others.
+    """
     return [hole for file in sorted(gerbers.glob(f"*-{kind}.drl")) for hole in read_excellon(file)]
 
 
 def _values(text: str) -> dict[str, str]:
-    """Return the text of each part's value by reference; `text`: file of placements in CSV."""
+    """Return the value text of each part, such as ``10k``, by reference; `text`: CSV file of placements."""
     return {row["Ref"]: row["Val"] for row in csv.DictReader(io.StringIO(text))}
 
 
 def stated_nets(points: Iterable[TestPoint]) -> dict[tuple[str, int], str | None]:
-    """Return the net of every numbered pad in an IPC-D-356 file, None for a pad that is not connected."""
+    """Return the net that an IPC-D-356 file states for every numbered pad, None for a pad that is not connected.
+
+    The key is the reference of the part and the number of the pad. `points`: test points of the file.
+    """
     return {pad: None if point.net == NO_NET else point.net for pad, point in _pads(points)}
 
 
 def copper_nets(points: Iterable[TestPoint], copper: Copper) -> dict[tuple[str, int], int | None]:
-    """Return the number of the connected copper at every numbered pad, None for a pad without copper.
+    """Return the number of the set of connected copper shapes at every numbered pad, None for a pad without copper.
 
-    `points`: test points, which give the places of pads; `copper`: the connected copper.
+    The key is the reference of the part and the number of the pad. `points`: test points, which give the places of
+    pads.
     """
     return {pad: copper.probe(point.position, point.access) for pad, point in _pads(points)}
 
 
 def _pads(points: Iterable[TestPoint]) -> Iterator[tuple[tuple[str, int], TestPoint]]:
-    """Yield the numbered pads among test points."""
+    """Yield reference, pad number and test point of every test point with a number; vias have none."""
     for point in points:
         if point.pin.isdecimal():
             yield (point.reference, int(point.pin)), point

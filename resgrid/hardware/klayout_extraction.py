@@ -17,7 +17,10 @@ PLACES = 20
 
 
 def main(file: str, job_file: str) -> None:
-    """Extract a layout and print the result; `file`: the layout; `job_file`: layers, connections and rules."""
+    """Extract the circuit of a layout, check its design rules, and print the result as JSON.
+
+    `file`: the layout; `job_file`: JSON file with layers, connections and rules.
+    """
     kdb = importlib.import_module("klayout.db")
     with open(job_file, encoding="utf-8") as stream:  # noqa: PTH123 - the script needs no other import
         job = json.load(stream)
@@ -36,13 +39,19 @@ def main(file: str, job_file: str) -> None:
 
 
 def texts(kdb: Any, layout: Any, top: Any, job: Any) -> list[list[Any]]:
-    """Return text and place, in database units, of every label on the layer of the outline."""
+    """Return text, x and y, in database units, of every label on the layer of the layout's outline.
+
+    `kdb`: module klayout.db; `layout`: the read layout; `top`: its top cell; `job`: layers, connections and rules.
+    """
     found = kdb.Texts(top.begin_shapes_rec(layout.layer(*job["outline"])))
     return sorted([text.string, text.x, text.y] for text in found.each())
 
 
 def circuit(kdb: Any, layout: Any, top: Any, job: Any) -> dict[str, Any]:
-    """Return resistors and labels with the numbers of their nets."""
+    """Return resistors and labels with the numbers of their nets, and messages about faulty resistors, as a dictionary.
+
+    `kdb`: module klayout.db; `layout`: the read layout; `top`: its top cell; `job`: layers, connections and rules.
+    """
     extraction = kdb.LayoutToNetlist(kdb.RecursiveShapeIterator(layout, top, []))
     at = {name: extraction.make_layer(layout.layer(*layer), name) for name, layer in job["layers"].items()}
     body, ends = body_and_ends(at, job)
@@ -72,7 +81,11 @@ def circuit(kdb: Any, layout: Any, top: Any, job: Any) -> dict[str, Any]:
 
 
 def body_and_ends(regions: Any, job: Any) -> tuple[Any, Any]:
-    """Return the bodies of resistors, where all layers of bodies lie, and their ends."""
+    """Return the regions of the bodies and of the ends of resistors.
+
+    A body lies where all layers of bodies overlap; an end where all layers of ends overlap, outside bodies. `regions`:
+    region of each layer by name; `job`: names of the layers of bodies and ends.
+    """
     body, ends = regions[job["body"][0]], regions[job["ends"][0]]
     for name in job["body"][1:]:
         body = body & regions[name]
@@ -82,9 +95,10 @@ def body_and_ends(regions: Any, job: Any) -> tuple[Any, Any]:
 
 
 def resistor(extraction: Any, device: Any) -> list[Any]:
-    """Return place, area, width, corners and both nets of an extracted resistor; the net of the left end comes first.
+    """Return x, y, area, width, number of corners, and numbers of both nets of an extracted resistor.
 
-    The place is the left lower corner of the body.  Lengths are in database units, areas in their squares.
+    (x, y) is the lower left corner of the body. The net of the left end comes first; a net is None without a
+    connection. Lengths are in database units, areas in their squares.
     """
     unit = extraction.internal_layout().dbu
     place = device.trans.disp
@@ -105,7 +119,7 @@ def resistor_extractor(kdb: Any) -> Any:
     """
 
     class SerpentineExtractor(kdb.GenericDeviceExtractor):  # type: ignore[misc]
-        """Extractor of serpentine resistors."""
+        """Extractor of resistors with a body between two ends, which klayout calls for each cell."""
 
         def setup(self) -> None:
             self.name = "resistor"
@@ -144,7 +158,11 @@ def resistor_extractor(kdb: Any) -> Any:
 
 
 def violations(kdb: Any, layout: Any, top: Any, job: Any) -> list[list[Any]]:
-    """Return rule, number of places, and the first places of every violated design rule, in database units."""
+    """Return name, number of places, and the first `PLACES` places [x, y] of every violated design rule.
+
+    `kdb`: module klayout.db; `layout`: the read layout; `top`: its top cell; `job`: layers, connections and rules.
+    Places are in database units.
+    """
     regions = {
         name: kdb.Region(top.begin_shapes_rec(layout.layer(*layer))).merged() for name, layer in job["layers"].items()
     }
@@ -159,7 +177,10 @@ def violations(kdb: Any, layout: Any, top: Any, job: Any) -> list[list[Any]]:
 
 
 def broken(kdb: Any, regions: Any, rule: Any) -> list[list[int]]:  # noqa: PLR0911 - one result per kind
-    """Return the centres of all places that violate a rule."""
+    """Return the centres [x, y], in database units, of all places that violate a rule.
+
+    `regions`: region of each layer by name; `rule`: kind, layer, second layer and value of the rule.
+    """
     region, value = regions[rule["layer"]], rule["value"]
     other = regions.get(rule.get("other"))
     match rule["kind"]:
@@ -187,12 +208,12 @@ def broken(kdb: Any, regions: Any, rule: Any) -> list[list[int]]:  # noqa: PLR09
 
 
 def centres(pairs: Any) -> list[list[int]]:
-    """Return the centres of the boxes of edge pairs."""
+    """Return the centres [x, y] of the bounding boxes of pairs of edges, in database units."""
     return [centre(pair.bbox()) for pair in pairs.each()]
 
 
 def centre(box: Any) -> list[int]:
-    """Return the centre of a box."""
+    """Return the centre [x, y] of a box, in database units."""
     return [box.center().x, box.center().y]
 
 

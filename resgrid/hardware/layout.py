@@ -28,16 +28,16 @@ from resgrid.hardware.layout_rules import Box, DrawnCell, Label, LayoutRules, Pl
 from resgrid.hardware.layout_tiles import TileGeometry, tile_cells, tile_geometry
 
 TOP = "resgrid"
-"""Name of the top cell of a layout."""
+"""Name of the top cell of a layout, which contains all its other cells."""
 
 MOST_LABELS = 20_000
-"""Largest number of cells of a grid whose nodes are labelled by default."""
+"""Largest number of grid cells up to which `build_layout` labels every node by default."""
 
 MARGIN = 5000
-"""Distance of the outline from the drawing, in nanometres."""
+"""Distance of the outline from the rails, the array and the pads, in nanometres."""
 
 DROP_FRACTION = 0.01
-"""Fraction of the supply above which the drop along a rail gives a warning."""
+"""Voltage drop along a rail, as a fraction of the supply, above which a layout gets a warning."""
 
 
 @frozen
@@ -54,19 +54,19 @@ class Layout:
     op : OperatingPoint
         Operating point of the circuit with the drawn resistances.  Its netlist has merged rails.
     array : TileArray
-        Contents of all tiles.
+        Contents of all tiles; a tile is the drawing of one cell of the grid.
     tile : TileGeometry
         Measures of a tile.
     resistors : tuple of Serpentine
-        The different resistors.
+        One drawn resistor for each different resistance.
     value : ndarray of int64, shape (resistors of the netlist,)
-        Number of the drawn resistor of every resistor of the netlist.
-    nominal : ndarray of float, shape (resistors,)
-        Resistance of every different resistor before rounding to the manufacturing grid, in ohms.
+        Index in `resistors` of every resistor of the netlist.
+    nominal : ndarray of float, shape (length of `resistors`,)
+        Resistance of each entry of `resistors` before rounding to the manufacturing grid, in ohms.
     rails : RailPlan
         Measures of rails and pads.
     cells : tuple of DrawnCell
-        Cells of the drawing, the top cell last.
+        Cells of the GDSII or OASIS file, the top cell last.
 
     Examples
     --------
@@ -97,28 +97,28 @@ class Layout:
 
     @property
     def size(self) -> tuple[float, float]:
-        """Width and height of the outline, in metres."""
+        """Width and height of the outline of the whole layout, in metres."""
         x0, y0, x1, y1 = self.outline
         return (x1 - x0) * 1e-9, (y1 - y0) * 1e-9
 
     @property
     def outline(self) -> tuple[int, int, int, int]:
-        """Corners x0, y0, x1, y1 of the outline, in nanometres."""
+        """Corners x0, y0 (lower left), x1, y1 (upper right) of the outline, in nanometres."""
         return next(box[1:] for box in self.cells[-1].boxes if box[0] == self.rules.outline)
 
     @property
     def pitch(self) -> tuple[float, float]:
-        """Distances between cells along x and y, in metres."""
+        """Distances between the centres of neighbouring cells along x and y, in metres."""
         return self.tile.px * 1e-9, self.tile.py * 1e-9
 
     @cached_property
     def drops(self) -> dict[str, float]:
-        """Largest voltage drop along the rail of each net, in volts."""
+        """Largest voltage drop between the pad and a contact of the rail of each net, in volts."""
         return rail_drops(self.rules, self.array, self.tile, self.rails, self.op)
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Problems of the layout that do not prevent its use: large voltage drops along rails, and thin trunks."""
+        """Messages about voltage drops above 1 % of the supply, and about rails that are too thin for their current."""
         return tuple(_warnings(self.rails, self.op, self.drops))
 
     def summary(self) -> dict[str, Any]:
@@ -127,9 +127,10 @@ class Layout:
         Returns
         -------
         dict
-            ``process``, ``cells``, ``resistors``, ``pitch``, ``array_size``, ``size``, ``area``, ``array_area``,
-            ``resistor`` (width, smallest and largest length, rows and resistance), ``rails`` (widths of trunks, stripes
-            and sides, currents and drops in amperes and volts by net), ``pads`` (net and centre), ``warnings``.
+            ``process``, ``cells``, ``resistors``, ``values`` (number of different resistances), ``pitch``,
+            ``array_size``, ``size``, ``area``, ``array_area``, ``resistor`` (width, smallest and largest length, rows
+            and resistance, largest relative error by rounding), ``rails`` (widths, and currents and drops in amperes
+            and volts by net), ``pads`` (net and centre), ``warnings``.
         """
         shape = self.op.netlist.cells.space.shape
         array_size = [shape[0] * self.tile.px * 1e-9, shape[1] * self.tile.py * 1e-9]
@@ -189,9 +190,9 @@ def build_layout(
     process : str
         Name of the process and its resistor, such as ``"ihp-sg13g2:rppd"`` or ``"toy:poly"``.
     wiring : Wiring, optional
-        Boundary conditions, drive and element values.
+        Boundary conditions, drive and element values; by default those of `resgrid.Wiring`.
     width : float, optional
-        Width of the resistors, in metres; by default the smallest one.
+        Width of the resistors, in metres; by default the smallest one that the process and `matching` permit.
     matching : float, optional
         Wanted standard deviation of the relative resistance between equal resistors, such as 0.01; determines the
         width.
@@ -235,7 +236,7 @@ def build_layout(
 
 
 def _drawable_wiring(space: ConfigurationSpace, wiring: Wiring) -> Wiring:
-    """Return the wiring with merged rails; raise InputError if the array cannot be drawn."""
+    """Return the wiring with merged rails; raise InputError if the space or the wiring cannot be drawn as a layout."""
     require_square(wiring.lattice, "a layout")
     if space.ndim != 2:
         raise InputError(f"a layout needs a space of two axes, and this space has {space.ndim}; choose another scene")
@@ -259,9 +260,9 @@ def _drawable_wiring(space: ConfigurationSpace, wiring: Wiring) -> Wiring:
 
 
 def _distinct(ohms: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return the different resistances, ascending, and the number of the value of each resistor.
+    """Return the different resistances in ohms, ascending, and for each resistor the index of its resistance there.
 
-    Values that differ by less than 1e-9 of the value are equal.  `ohms` (resistors,): resistances in ohms.
+    Resistances that differ by less than 1e-9 of their value count as equal. `ohms` (resistors,): resistances in ohms.
     """
     keys, first, number = np.unique(np.round(np.log(ohms) * 1e9), return_index=True, return_inverse=True)
     del keys
@@ -277,7 +278,10 @@ def _draw(
     rails: RailPlan,
     labelled: bool,
 ) -> list[DrawnCell]:
-    """Return all cells of the drawing, the top cell last."""
+    """Return all cells of the GDSII or OASIS file, the top cell last.
+
+    `shapes`: the drawn resistor of each different resistance; `labelled`: whether the nodes get labels.
+    """
     cells = tile_cells(rules, head, tile, shapes)
     drawing = draw_rails(rules, array, tile, rails)
     body = DrawnCell("array", (), tuple(array_placements(array, tile, len(shapes))))
@@ -304,7 +308,10 @@ def _draw(
 
 
 def _placed_cells(cells: list[DrawnCell]) -> list[DrawnCell]:
-    """Return the cells that the last cell contains, directly or inside others; a cell comes after its contents."""
+    """Return the cells that the last of `cells` contains, directly or inside other cells, and the last cell itself.
+
+    A cell comes after its contents.
+    """
     kept, used = [], {cells[-1].name}
     for cell in reversed(cells):
         if cell.name in used:
@@ -314,7 +321,10 @@ def _placed_cells(cells: list[DrawnCell]) -> list[DrawnCell]:
 
 
 def _warnings(rails: RailPlan, op: OperatingPoint, drops: dict[str, float]) -> list[str]:
-    """Return warnings on voltage drops along rails, and on currents above the permitted density."""
+    """Return messages about rails with a drop above `DROP_FRACTION` of the supply, and about too thin trunks.
+
+    `drops`: largest voltage drop along the rail of each net, in volts.
+    """
     supply = abs(op.netlist.cells.wiring.supply)
     found = [
         f"the voltage drop along the rail of {net} is up to {drop:.3g} V, {drop / supply:.2g} of the supply, and the "
@@ -333,7 +343,7 @@ def _warnings(rails: RailPlan, op: OperatingPoint, drops: dict[str, float]) -> l
 
 
 def circuit_hash(netlist: Netlist) -> str:
-    """Return a hash of the cells, the nodes and the conductances of a netlist, which identifies its circuit."""
+    """Return the SHA-256 of the cells, nodes and conductances of a netlist, in hexadecimal digits."""
     digest = sha256(netlist.cells.space.cell.tobytes())
     digest.update(repr(netlist.cells.space.shape).encode())
     digest.update(netlist.resistor_nodes.tobytes())

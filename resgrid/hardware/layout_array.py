@@ -15,16 +15,18 @@ from resgrid.hardware.layout_rules import Label, MetalRules, Placement
 from resgrid.hardware.layout_tiles import TileGeometry, placements
 
 ORIGIN = (-1, -1)
-"""Column and row of the first tile: a margin of one tile around the grid belongs to the obstacle rail."""
+"""Column and row of the first tile of the arrays: a margin of one tile around the grid belongs to the obstacle rail."""
 
 
 @dataclass(frozen=True, eq=False)
 class TileArray:
-    """Contents of all tiles; arrays have one entry per tile, with a margin of one tile around the grid.
+    """Contents of all tiles of a layout; a tile is the drawing of one cell of the grid.
 
-    `along_x`, `along_y` (columns + 2, rows + 2): number of the resistor's value, -1 without a resistor; `node`: tiles
-    with a bar; `obstacle`: tiles tied to the obstacle rail; `region`: number of the net of metal 3 of a tile, a goal
-    region or the start, -1 elsewhere; `nets`: names of these nets.
+    Arrays have the shape (columns + 2, rows + 2): a margin of one tile around the grid belongs to the obstacle rail.
+    `along_x`, `along_y`: for the resistor from a tile to the next one along x or y, the index of its resistance among
+    the different resistances of the layout, -1 without a resistor; `node`: whether a tile has a metal bar, which is its
+    node; `obstacle`: whether a tile is tied to the obstacle rail; `region`: for a tile of a goal region or the start,
+    the index of its net in `nets`, -1 elsewhere; `nets`: names of the nets of the goal regions and the start.
     """
 
     along_x: NDArray[np.int64]
@@ -38,7 +40,8 @@ class TileArray:
 def tile_array(netlist: Netlist, value: NDArray[np.int64]) -> TileArray:
     """Return the contents of the tiles of a compiled space.
 
-    `netlist`: netlist with merged rails of a space of two axes; `value` (resistors,): number of each resistor's value.
+    `netlist`: netlist with merged rails of a space of two axes; `value` (resistors,): index of each resistor's
+    resistance among the different resistances.
     """
     cells = netlist.cells
     space, shape = cells.space, cells.space.shape
@@ -63,7 +66,10 @@ def tile_array(netlist: Netlist, value: NDArray[np.int64]) -> TileArray:
 
 
 def array_placements(array: TileArray, tile: TileGeometry, values: int) -> list[Placement]:
-    """Return the placements of nodes, ties and resistors of all tiles; `values`: number of different resistors."""
+    """Return the placements of bars, ties to rails and resistors of all tiles.
+
+    `values`: number of different resistances.
+    """
     placed = placements("node", array.node, tile, ORIGIN)
     placed += placements("tie_obstacle", array.obstacle, tile, ORIGIN)
     placed += placements("tie_goal", array.region >= 0, tile, ORIGIN)
@@ -74,19 +80,25 @@ def array_placements(array: TileArray, tile: TileGeometry, values: int) -> list[
 
 
 def node_labels(array: TileArray, tile: TileGeometry, metal: MetalRules) -> list[Label]:
-    """Return one label per node of a free cell, on its bar of metal 1: ``n_3_4``."""
+    """Return one label such as ``n_3_4`` (column, row) per node of a free cell, on the bar of its tile on `metal`."""
     own = array.node & ~array.obstacle & (array.region < 0)
     return [Label(f"n_{i}_{j}", i * tile.px, j * tile.py, metal.text) for i, j in (np.argwhere(own) + ORIGIN).tolist()]
 
 
 def used_range(mask: NDArray[np.bool_], axis: int) -> tuple[int, int]:
-    """Return the first and last tile along an axis that a mask contains, as columns or rows of the grid."""
+    """Return the first and last column (`axis` 0) or row (`axis` 1) of the grid in which a mask is true.
+
+    `mask` (columns + 2, rows + 2): tiles, with a margin of one tile around the grid.
+    """
     used = np.flatnonzero(mask.any(axis=1 - axis))
     return int(used[0]) + ORIGIN[axis], int(used[-1]) + ORIGIN[axis]
 
 
 def first_cells(array: TileArray, region: int) -> Sequence[tuple[int, int]]:
-    """Return column and row of the lowest tile of a net in every column that it has, from left to right."""
+    """Return column and row of the lowest tile of a net in each column that contains the net, from left to right.
+
+    `region`: index of the net in `array.nets`.
+    """
     places = np.argwhere(array.region == region) + ORIGIN
     columns, first = np.unique(places[:, 0], return_index=True)
     return [(int(column), int(places[place, 1])) for column, place in zip(columns, first, strict=True)]

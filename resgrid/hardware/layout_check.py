@@ -26,10 +26,10 @@ from resgrid.hardware.record import HardwareRecord, read_record
 from resgrid.hardware.tools import TIMEOUT, find_klayout
 
 TOLERANCE = 1e-12
-"""Default tolerance of voltages, as a fraction of the supply."""
+"""Default limit of the error of a net's voltage, as a fraction of the supply."""
 
 _NAME = re.compile(r"\b(?:R([XY])_(\d+)_(\d+)|(?:P_)?(goal_\d+(?:_\d+)?|obstacle(?:_\d+)?)|n_(\d+)_(\d+))")
-"""Pattern of the names of resistors, pads, rails and nodes in messages."""
+"""Pattern that finds the names of resistors, pads, rails and nodes in messages about differences."""
 
 
 def check_layout(
@@ -103,7 +103,10 @@ def check_layout(
 
 
 def _wrong_labels(record: HardwareRecord, extraction: Extraction, owner: Mapping[object, str]) -> Iterator[str]:
-    """Yield a message for every label of a node that is on another net; `owner`: expected net by number of a net."""
+    """Yield a message for every label of a node that lies on another net than the record states.
+
+    `owner`: name of the expected net by the number of the net in the extraction.
+    """
     for text, x, y, net in extraction.labels:
         if text in record.voltages and owner.get(net) != text:
             on = "no metal" if net is None else owner.get(net, "an unknown net")
@@ -113,8 +116,8 @@ def _wrong_labels(record: HardwareRecord, extraction: Extraction, owner: Mapping
 def _compare_voltages(record: HardwareRecord, extraction: Extraction, tolerance: float) -> VoltageComparison:
     """Return the comparison of the voltages of the extracted circuit with the record.
 
-    The comparison is empty if the extracted circuit has no solution, for instance two sources on one net; its nets have
-    findings then.
+    The comparison is empty if the extracted circuit has no solution, for instance with two sources on one net; the
+    comparison of nets reports such faults. `tolerance`: largest accepted difference as a fraction of the supply.
     """
     try:
         found = solve_extracted(record, extraction.nets, extraction.ohms)
@@ -124,7 +127,7 @@ def _compare_voltages(record: HardwareRecord, extraction: Extraction, tolerance:
 
 
 def _located(message: str, extraction: Extraction) -> str:
-    """Return a message with the places, in micrometres, of the parts and nodes that it names first.
+    """Return a message with the places, in micrometres, of the parts and nodes that it names.
 
     A message about a split net names the first pad of every part of the net: the fault lies between their places.
     """
@@ -138,9 +141,9 @@ def _located(message: str, extraction: Extraction) -> str:
 
 
 def _place(match: re.Match[str], extraction: Extraction) -> tuple[float, float]:
-    """Return the place of a part or node, in micrometres: the extracted one, or that of its tile.
+    """Return the place of a part or node in micrometres: the extracted place, or else the place of its tile.
 
-    `match`: match of `_NAME`.
+    `match`: match of `_NAME` with the name. A pad that klayout did not find has the place (NaN, NaN).
     """
     axis, i, j, net, column, row = match.groups()
     px, py, upper = extraction.pitch

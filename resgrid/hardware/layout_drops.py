@@ -16,7 +16,7 @@ from resgrid.hardware.layout_tiles import TileGeometry
 
 
 def rail_currents(op: OperatingPoint) -> dict[str, float]:
-    """Return the current of every source of an operating point by the name of its net, in amperes."""
+    """Return the current of every source of an operating point in amperes, by the net at its positive terminal."""
     names = op.netlist.names_of(op.netlist.source_nodes[:, 0])
     return {name: float(amps) for name, amps in zip(names, op.source_current, strict=True)}
 
@@ -24,10 +24,11 @@ def rail_currents(op: OperatingPoint) -> dict[str, float]:
 def rail_drops(
     rules: LayoutRules, array: TileArray, tile: TileGeometry, plan: RailPlan, op: OperatingPoint
 ) -> dict[str, float]:
-    """Return the largest voltage drop between the pad and a contact of every net, in volts.
+    """Return the largest voltage drop between the pad and a contact of every net, in volts by the name of the net.
 
-    The currents are those of ideal rails.  A trunk carries the current of its net.  A stripe of the obstacle rail is
-    fed from both ends, and the vertical parts at its ends from below; their drops add up.
+    The currents are those of ideal rails. A trunk (a vertical wire to a goal region or the start) carries the current
+    of its net. A stripe of the obstacle rail (a horizontal wire) is fed from both ends through vertical wires, which
+    are fed from below; the drops of stripe and vertical wire add up.
     """
     currents = rail_currents(op)
     third = rules.metals[2]
@@ -39,9 +40,9 @@ def rail_drops(
 
 
 def _taps(op: OperatingPoint, array: TileArray) -> NDArray[np.float64]:
-    """Return the current from the obstacle rail into every tile, in amperes, with a margin of one tile.
+    """Return the current from the obstacle rail into every tile, in amperes, shape (columns + 2, rows + 2).
 
-    The result has the shape of the arrays of `TileArray`.
+    The arrays include a margin of one tile around the grid.
     """
     netlist = op.netlist
     taps, amps = np.zeros(array.node.shape), np.abs(op.resistor_current)
@@ -56,7 +57,10 @@ def _taps(op: OperatingPoint, array: TileArray) -> NDArray[np.float64]:
 
 
 def _obstacle_drop(rules: LayoutRules, tile: TileGeometry, plan: RailPlan, taps: NDArray[np.float64]) -> float:
-    """Return the largest drop of the obstacle rail, in volts; `taps`: current into every tile, in amperes."""
+    """Return the largest drop of the obstacle rail, in volts.
+
+    `taps` (columns + 2, rows + 2): current from the rail into every tile, in amperes.
+    """
     sheet, count = rules.metals[1].sheet, taps.shape[0]
     segment = sheet * tile.px / (tile.stripe[1] - tile.stripe[0])
     place = np.arange(1, count + 1) / (count + 1)

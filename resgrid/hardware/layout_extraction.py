@@ -18,20 +18,24 @@ from resgrid.hardware.layout_rules import Layer, LayoutRules
 from resgrid.hardware.tools import TIMEOUT, KlayoutPython
 
 SCRIPT = Path(__file__).with_name("klayout_extraction.py")
-"""Script that runs in the outside Python."""
+"""Script that runs in the Python interpreter with klayout."""
 
 _TILE = re.compile(r"tile (\d+) (\d+) (\d+) nm")
-"""Pattern of the label with the pitch of the tiles and the offset of the resistors along y, in nanometres."""
+"""Pattern of the label that states the measures of tiles, in nanometres.
+
+They are the distances of tiles along x and y, and the y of the resistor along y in its tile.
+"""
 
 
 @dataclass(frozen=True)
 class Extraction:
     """Circuit of a layout as klayout extracts it.
 
-    `pitch`: distances of tiles along x and y, and y of the resistors along y in their tile, in nanometres; `nets`:
-    number of the net of every pad of a part, by reference and number; `ohms`: resistance of every resistor;
-    `place`: place of every part, in micrometres; `labels`: text, place and net of the labels of nodes; `violations`:
-    messages about violated design rules; `messages`: problems of the extraction.
+    `pitch`: distances of tiles along x and y, and y of the resistor along y in its tile, in nanometres; `nets`: number
+    of the net of every pad, by reference of the part and number of the pad, None without a net; `ohms`: resistance of
+    every resistor, by reference; `place`: place of every part, in micrometres; `labels`: text, place in micrometres and
+    number of the net of each label, None on no metal; `violations`: messages about violated design rules; `messages`:
+    problems of the extraction.
     """
 
     pitch: tuple[int, ...]
@@ -53,8 +57,8 @@ def extract_layout(
 ) -> Extraction:
     """Return the circuit that klayout extracts from the shapes of a layout, and the violated design rules.
 
-    `tool`: Python with klayout; `file`: GDSII or OASIS file; `rules`: design rules of its process; `check_rules`:
-    whether the rules are checked; `timeout`: longest run of klayout, in seconds.
+    `tool`: Python interpreter with klayout; `file`: GDSII or OASIS file; `rules`: design rules of its process;
+    `check_rules`: whether the design rules are checked; `timeout`: longest run of klayout, in seconds.
     """
     with temporary_folder() as folder:
         job = folder / "job.json"
@@ -64,7 +68,10 @@ def extract_layout(
 
 
 def _job(rules: LayoutRules, check_rules: bool) -> dict[str, Any]:
-    """Return layers, connections and rules for the script."""
+    """Return layers, connections and rules as input of the script `SCRIPT`.
+
+    `check_rules`: whether it checks design rules.
+    """
     layers: dict[str, Layer] = {**rules.body, **rules.ends, "contact": rules.contact}
     layers |= {cover.name: cover.layer for cover in (*rules.body_covers, *rules.covers)}
     if rules.passivation is not None:
@@ -92,7 +99,10 @@ def _job(rules: LayoutRules, check_rules: bool) -> dict[str, Any]:
 
 
 def _rules(rules: LayoutRules) -> Iterator[dict[str, Any]]:
-    """Yield the design rules in the form of the script: name, kind, layer, other layer, and value in nanometres."""
+    """Yield the design rules for the script `SCRIPT`.
+
+    Each has a name, a kind, a layer, another layer or None, and a value in nanometres (nm^2 for an area).
+    """
 
     def rule(kind: str, layer: str, value: int, other: str | None = None) -> dict[str, Any]:
         relation = {"enclosure": "by", "margin": "by", "separation": "from"}.get(kind)
@@ -129,7 +139,10 @@ def _rules(rules: LayoutRules) -> Iterator[dict[str, Any]]:
 
 
 def _extraction(file: Path, rules: LayoutRules, data: dict[str, Any]) -> Extraction:
-    """Return the extraction from the result of the script; lengths of the result are in nanometres."""
+    """Return the extraction from `data`, the result of the script `SCRIPT`.
+
+    `file`: name of the layout, for messages.
+    """
     if abs(data["dbu"] - 1e-3) > 1e-12:
         raise InputError(f"{file}: its unit is {data['dbu']} um, expected 0.001 um; write the layout again")
     tile = next((match for text, *_ in data["texts"] if (match := _TILE.fullmatch(text))), None)
@@ -165,9 +178,9 @@ def _extraction(file: Path, rules: LayoutRules, data: dict[str, Any]) -> Extract
 
 
 def _resistor_name(x: int, y: int, pitch: tuple[int, ...]) -> str:
-    """Return the reference of a resistor from the place of its body, in nanometres.
+    """Return the reference of a resistor, such as ``RX_3_4``, from the place (x, y) of its body, in nanometres.
 
-    `pitch`: distances of tiles along x and y, and y of the resistors along y in their tile.
+    `pitch`: distances of tiles along x and y, and y of the resistor along y in its tile, in nanometres.
     """
     px, py, upper = pitch
     i = round(x / px - 0.25)

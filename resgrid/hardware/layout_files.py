@@ -24,13 +24,13 @@ SUFFIXES = (".gds", ".oas")
 """Suffixes of layout files: GDSII and OASIS."""
 
 DATE = datetime(2000, 1, 1)
-"""Time that a GDSII file states for every cell, so that the same layout gives the same bytes."""
+"""Time stamp of every cell of a GDSII file, so that the same layout gives the same bytes."""
 
 COMPRESSION = 9
 """Compression level of an OASIS file."""
 
 MOST_RECORDED = 65_536
-"""Largest number of cells of a grid whose layout gets a record by default."""
+"""Largest number of grid cells up to which a layout gets a record by default."""
 
 
 def write_layout(layout: Layout, file: str | os.PathLike[str], *, record: bool | None = None) -> Path:
@@ -70,12 +70,12 @@ def write_layout(layout: Layout, file: str | os.PathLike[str], *, record: bool |
 
 
 def has_record(layout: Layout, record: bool | None = None) -> bool:
-    """Return whether `write_layout` writes the record of a layout; `record`: its option."""
+    """Return whether `write_layout` writes the record of a layout; `record`: its option, None for the default."""
     return layout.op.netlist.cells.space.cell.size <= MOST_RECORDED if record is None else record
 
 
 def require_suffix(path: Path) -> None:
-    """Raise InputError unless the suffix of a path is that of a layout."""
+    """Raise InputError unless the suffix of a path is ``.gds`` or ``.oas``."""
     if path.suffix.lower() not in SUFFIXES:
         raise InputError(f"{path}: the name of a layout ends in .gds (GDSII) or .oas (OASIS); change the suffix")
 
@@ -93,7 +93,7 @@ def load_gdstk() -> ModuleType:
 
 
 def _library(gdstk: Any, layout: Layout) -> Any:
-    """Return the gdstk library of a layout, in micrometres with a precision of a nanometre."""
+    """Return the gdstk library of a layout, with micrometres as unit and nanometres as precision."""
     library = gdstk.Library(TOP, unit=1e-6, precision=1e-9)
     made: dict[str, Any] = {}
     for cell in layout.cells:
@@ -103,7 +103,7 @@ def _library(gdstk: Any, layout: Layout) -> Any:
 
 
 def _cell(gdstk: Any, cell: DrawnCell, made: dict[str, Any]) -> Any:
-    """Return the gdstk cell of a cell; `made`: the earlier cells by name."""
+    """Return a cell of a layout as a cell of gdstk; `made`: the gdstk cells by name that `cell` may contain."""
     drawn = gdstk.Cell(cell.name)
     for (layer, kind), x0, y0, x1, y1 in cell.boxes:
         drawn.add(gdstk.rectangle((x0 / 1e3, y0 / 1e3), (x1 / 1e3, y1 / 1e3), layer=layer, datatype=kind))
@@ -150,13 +150,16 @@ def record_of(layout: Layout, name: str) -> HardwareRecord:
 
 
 def part_names(netlist: Netlist) -> list[str]:
-    """Return the name of every resistor by its face: ``RX_3_4`` between the cells (2, 4) and (3, 4)."""
+    """Return the name of every resistor of a netlist, in the order of the netlist.
+
+    ``RX_3_4`` lies between the cells (2, 4) and (3, 4), ``RY_3_4`` between (3, 3) and (3, 4).
+    """
     axes, faces = crossed_faces(netlist.cells.resistor_face, netlist.cells.space.shape)
     return [f"R{'XY'[axis]}_{i}_{j}" for axis, (i, j) in zip(axes.tolist(), faces.tolist(), strict=True)]
 
 
 def _pad_parts(layout: Layout) -> Iterator[Part]:
-    """Yield the pads as parts, from left to right."""
+    """Yield the pads of a layout as parts of its record, from left to right."""
     seen: Counter[str] = Counter()
     for pad in layout.rails.pads:
         seen[pad.net] += 1

@@ -11,13 +11,13 @@ from resgrid.processes.process import Cut, Process
 from resgrid.processes.reading import read_process
 
 WIDE = 10.0
-"""Width in micrometres up to which the spacing of metals in a layout suffices."""
+"""Largest width of metals in a layout, in micrometres, for which the spacing rules of a layout hold."""
 
 SHEET = 0.1
-"""Sheet resistance of a metal for which the process gives none, in ohms per square."""
+"""Assumed sheet resistance of a metal whose process states none, in ohms per square."""
 
 METALS = 3
-"""Number of metals that a layout needs: nodes, the obstacle rail, and trunks of goals."""
+"""Smallest number of metals that a process needs for a layout: nodes, the obstacle rail, and trunks of goals."""
 
 
 @cache
@@ -61,26 +61,32 @@ def layout_rules(name: str) -> LayoutRules:
 
 
 def _nm(micrometres: float) -> int:
-    """Return a length in nanometres."""
+    """Return a length in whole nanometres; `micrometres`: the length."""
     return round(1e3 * micrometres)
 
 
 def _layer(process: Process, name: str) -> Layer:
-    """Return the numbers of a layer; raise InputError if the process lacks the layer."""
+    """Return the GDSII numbers of a layer; raise InputError if the process lacks the layer."""
     if name not in process.layers:
         raise InputError(f"{process.title} has no layer {name!r}, which a layout needs; add it to the process's file")
     return process.layers[name].gds
 
 
 def _cover(process: Process, name: str, beside: float, beyond: float) -> Cover:
-    """Return a layer that covers resistors, with its overlaps, which are given in micrometres."""
+    """Return a layer that covers resistors.
+
+    `beside`, `beyond`: its overlaps across and along the current, in micrometres.
+    """
     layer = process.layers[name]
     width, space = _nm(layer.min_width or 0.0), _nm(layer.min_space or 0.0)
     return Cover(name, layer.gds, _nm(beside), _nm(beyond), width, space)
 
 
 def _metals(process: Process) -> tuple[MetalRules, ...]:
-    """Return the metals of a process from the lowest one up to that of its pads."""
+    """Return the rules of the metals of a process, from the lowest metal up to that of its pads.
+
+    Raises InputError if they are fewer than `METALS`, or do not lead to the pads.
+    """
     upward = {cut.below: (name, cut) for name, cut in process.cuts.items()}
     metal, metals = process.cuts["contact"].above, []
     while True:
@@ -98,9 +104,10 @@ def _metals(process: Process) -> tuple[MetalRules, ...]:
 
 
 def _metal(process: Process, name: str, via: str, cut: Cut | None) -> MetalRules:
-    """Return the rules of a metal; `via`, `cut`: name and rules of the vias to the next metal, None for the highest.
+    """Return the rules of the metal `name`.
 
-    The spacing holds for shapes up to `WIDE`, and that of vias for arrays of every size.
+    `via`: name of the layer of the vias to the next metal above, empty for the highest; `cut`: their rules, None for
+    the highest. The spacing of the metal holds for shapes up to `WIDE`, and that of the vias for arrays of every size.
     """
     layer = process.layers[name]
     label = next((label for label in (f"{name}_label", "label") if label in process.layers), name)

@@ -18,16 +18,19 @@ from resgrid.hardware.layout_rules import Box, DrawnCell, Label, LayoutRules, Me
 from resgrid.hardware.layout_tiles import TileGeometry, placements
 
 STRIP = 5000
-"""Height of the strip of vias at the upper edge of a pad, in nanometres."""
+"""Height of the rectangle of vias at the upper edge of a pad, in nanometres."""
 
 VIA_STRIP = 20000
-"""Width of the strip of vias at the upper edge of a pad, in nanometres."""
+"""Largest width of the rectangle of vias at the upper edge of a pad, in nanometres."""
 
 DROP = 0.001
-"""Wanted largest voltage drop along a trunk, as a fraction of the supply."""
+"""Voltage drop along a trunk, as a fraction of the supply, that the width of trunks is chosen for."""
 
 WIDEST = 10_000
-"""Largest width of a trunk that is chosen for its voltage drop, in nanometres; wider metal needs a larger spacing."""
+"""Largest width of a trunk that is chosen for its voltage drop, in nanometres.
+
+Wider metal would need a larger spacing. A current density limit may still demand a wider trunk.
+"""
 
 RING = 5000
 """Smallest width of the vertical parts of the obstacle rail at both sides of the array, in nanometres."""
@@ -35,10 +38,10 @@ RING = 5000
 
 @dataclass(frozen=True)
 class Trunk:
-    """A trunk of metal 3 from a net's tile down to its track.
+    """A vertical wire of metal 3 from a tile of a goal region or the start down to a horizontal wire below the array.
 
-    `net`: name of the net; `column`, `row`: the tile; `x`: centre of the trunk; `width`: its width; lengths are in
-    nanometres.
+    `net`: name of the net; `column`, `row`: the tile at which the trunk begins; `x`: centre of the trunk; `width`: its
+    width; lengths are in nanometres.
     """
 
     net: str
@@ -50,7 +53,7 @@ class Trunk:
 
 @dataclass(frozen=True)
 class Pad:
-    """A pad; `net`: name of its net; `x`, `y`: its centre, in nanometres."""
+    """A bond pad; `net`: name of its net; `x`, `y`: its centre, in nanometres."""
 
     net: str
     x: int
@@ -59,7 +62,10 @@ class Pad:
 
 @dataclass
 class Drawing:
-    """Rectangles, placements and labels of the top cell, while it is drawn."""
+    """Contents of the top cell of a layout, extended while the rails are drawn.
+
+    `boxes`: rectangles; `placements`: placed cells; `labels`: texts; `cells`: definitions of the placed cells.
+    """
 
     boxes: list[Box] = field(default_factory=list)
     placements: list[Placement] = field(default_factory=list)
@@ -67,7 +73,7 @@ class Drawing:
     cells: list[DrawnCell] = field(default_factory=list)
 
     def box(self, metal: MetalRules, x0: int, y0: int, x1: int, y1: int) -> None:
-        """Add a rectangle of a metal; its corners are in nanometres."""
+        """Add a rectangle of a metal; `x0`, `y0`, `x1`, `y1`: two opposite corners, in nanometres, in any order."""
         self.boxes.append((metal.layer, min(x0, x1), min(y0, y1), max(x0, x1), max(y0, y1)))
 
 
@@ -75,10 +81,12 @@ class Drawing:
 class RailPlan:
     """Measures of rails and pads, in nanometres.
 
-    `trunks`: the trunks from left to right; `pads`: the pads from left to right; `wire`: width of trunks and tracks;
-    `ring`: width of the vertical parts of the obstacle rail, 0 without this rail; `sides`: centres of these parts;
-    `bottom`: lower end of the array; `tracks`: y of the track of every trunk; `bend`: centre of the part of the
-    obstacle rail that leads outwards to its pads; `pad_top`: upper edge of the pads; `rows`: rows with a stripe.
+    `trunks`: vertical wires to goal regions and the start, from left to right; `pads`: the pads from left to right;
+    `wire`: width of the horizontal wires (tracks) below the array, and wanted width of trunks; `ring`: width of the
+    vertical parts of the obstacle rail, 0 without this rail; `sides`: x of the centres of these parts; `bottom`: y of
+    the lower end of the array; `tracks`: y of the track of every trunk; `bend`: y of the centre of the wires that lead
+    from the obstacle rail outwards to its pads; `pad_top`: y of the upper edge of the pads; `rows`: rows with a stripe
+    of the obstacle rail.
     """
 
     trunks: tuple[Trunk, ...]
@@ -94,14 +102,17 @@ class RailPlan:
 
 
 def pad_name(net: str, number: int) -> str:
-    """Return the reference of the pad of a net; `number`: its number among the pads of the net, from left to right."""
+    """Return the reference of a pad of a net: ``P_goal_0``, or ``P_obstacle_2`` for the second pad of its net.
+
+    `number`: number among the pads of the net, from 1 on the left.
+    """
     return f"P_{net}" if number == 1 else f"P_{net}_{number}"
 
 
 def wire_width(rules: LayoutRules, metals: tuple[MetalRules, ...], amps: float, least: int) -> int:
-    """Return the smallest width of a wire for a current by the current densities of its metals, in nanometres.
+    """Return the smallest width in nanometres at which a wire of the given metals may carry a current.
 
-    `amps`: current in amperes; `least`: smallest width otherwise, in nanometres.
+    `amps`: current in amperes; `least`: lower limit of the width, in nanometres.
     """
     widths = [amps / metal.current * 1e9 for metal in metals if metal.current]
     return rules.even(max([least, *widths]))
@@ -112,7 +123,8 @@ def plan_rails(
 ) -> RailPlan:
     """Return the measures of rails and pads.
 
-    `amps`: current of every net, in amperes; `supply`: voltage between the rails, in volts.
+    `amps`: current of every net, in amperes; `supply`: voltage between the rails, in volts, which limits the drop along
+    trunks.
     """
     metals = rules.metals
     second, third = metals[1:3]
@@ -146,7 +158,10 @@ def plan_rails(
 
 
 def _fitting_trunks(rules: LayoutRules, array: TileArray, tile: TileGeometry, wanted: int) -> tuple[Trunk, ...]:
-    """Return the trunks with the largest width up to `wanted`, in nanometres, for which every net has a free track."""
+    """Return the trunks of all nets with the largest width that leaves a free vertical track for each of them.
+
+    `wanted`: upper limit of the width, in nanometres. Raises InputError if not even the smallest width fits.
+    """
     width = min(wanted, rules.even(tile.px - tile.link - 2 * rules.metals[2].space - 2 * rules.grid))
     while width > tile.link:
         try:
@@ -157,7 +172,10 @@ def _fitting_trunks(rules: LayoutRules, array: TileArray, tile: TileGeometry, wa
 
 
 def _trunks(rules: LayoutRules, array: TileArray, tile: TileGeometry, width: int) -> tuple[Trunk, ...]:
-    """Return one trunk per net, from left to right, on tracks of metal 3 that no other net uses; `width` in nm."""
+    """Return one trunk per net, from left to right, on vertical tracks of metal 3 that no other net uses.
+
+    `width`: width of the trunks in nanometres. Raises InputError if a net has no free track.
+    """
     space, second = rules.metals[2].space, rules.metals[1]
     pitch = width + space
     least = rules.up((max(tile.link, width) + width) / 2 + space)
@@ -186,7 +204,7 @@ def _trunks(rules: LayoutRules, array: TileArray, tile: TileGeometry, width: int
 
 
 def draw_rails(rules: LayoutRules, array: TileArray, tile: TileGeometry, plan: RailPlan) -> Drawing:
-    """Return the rectangles, placements, labels and cells of rails and pads."""
+    """Return the rectangles, placements, labels and cells of rails and pads; `plan`: their measures."""
     drawing = Drawing()
     if plan.ring:
         _draw_obstacle_rail(rules, array, tile, plan, drawing)
@@ -204,7 +222,7 @@ def draw_rails(rules: LayoutRules, array: TileArray, tile: TileGeometry, plan: R
 def _draw_obstacle_rail(
     rules: LayoutRules, array: TileArray, tile: TileGeometry, plan: RailPlan, drawing: Drawing
 ) -> None:
-    """Draw the stripes of the obstacle rail, its vertical parts at both sides, and the wires to its pads."""
+    """Add the obstacle rail to `drawing`: its stripes, its vertical parts at both sides, and the wires to its pads."""
     metal, half = rules.metals[1], plan.ring // 2
     left, right = plan.sides
     low, high = tile.stripe
@@ -219,7 +237,7 @@ def _draw_obstacle_rail(
 
 
 def _draw_links(rules: LayoutRules, array: TileArray, tile: TileGeometry, drawing: Drawing) -> None:
-    """Draw the links between neighbouring cells of a goal region: metal 2 along x, metal 3 along y."""
+    """Add the wires between neighbouring cells of each goal region to `drawing`: metal 2 along x, metal 3 along y."""
     half, region = tile.link // 2, array.region
     for name, axis, metal in (("link_x", 0, rules.metals[1]), ("link_y", 1, rules.metals[2])):
         joined = np.zeros(region.shape, dtype=bool)
@@ -235,7 +253,10 @@ def _draw_links(rules: LayoutRules, array: TileArray, tile: TileGeometry, drawin
 def _draw_trunk(
     rules: LayoutRules, tile: TileGeometry, plan: RailPlan, trunk: Trunk, end: tuple[int, int], drawing: Drawing
 ) -> None:
-    """Draw a trunk, its track of metal 2 and its wire of metal 1 to the pad; `end`: x of the pad and y of the track."""
+    """Add a trunk, its horizontal wire of metal 2, and the wire of metal 1 to the pad to `drawing`.
+
+    `end`: x of the pad and y of the horizontal wire, in nanometres.
+    """
     first, second, third = rules.metals[:3]
     half, link, wide = trunk.width // 2, tile.link // 2, plan.wire // 2
     tile_x, tile_y = trunk.column * tile.px, trunk.row * tile.py
@@ -253,7 +274,11 @@ def _draw_trunk(
 
 
 def _pad_cell(rules: LayoutRules) -> DrawnCell:
-    """Return the pad: the highest metal with an opening of the passivation, and a strip of all metals and vias."""
+    """Return the cell of a bond pad.
+
+    It contains the highest metal with an opening of the passivation, and a rectangle of all metals and vias at its
+    upper edge.
+    """
     half, opening = rules.pad // 2, rules.pad // 2 - rules.pad_opening
     strip = (-min(half, VIA_STRIP // 2), half - STRIP, min(half, VIA_STRIP // 2), half)
     boxes: list[Box] = [(metal.layer, *strip) for metal in rules.metals[:-1]]

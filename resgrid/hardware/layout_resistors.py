@@ -13,22 +13,22 @@ from resgrid.errors import InputError
 from resgrid.hardware.layout_rules import Box, LayoutRules
 
 MOST_ROWS = 61
-"""Largest number of rows of a serpentine."""
+"""Largest number of parallel rows of a serpentine resistor."""
 
 LONGEST = 1e7
-"""Longest body of a resistor, in nanometres."""
+"""Longest body of a resistor along its centre line, in nanometres; larger resistances are rejected."""
 
 WIDEST = 10_000_000
-"""Largest width of the body of a resistor, in nanometres."""
+"""Largest width of the body of a resistor, in nanometres; wider resistors are rejected."""
 
 
 @dataclass(frozen=True)
 class Serpentine:
-    """A drawn resistor; lengths are in nanometres.
+    """A drawn resistor whose body runs back and forth in rows along x; lengths are in nanometres.
 
-    The body begins at x = 0, and the centre of row 0 is at y = 0.  `rows`: odd number of rows; `turn`: x of the centre
-    of the right turns; `end`: x at which the body ends, in the last
-    row; `area`, `width`, `corners`: measures of the body; `resistance`: resistance in ohms.
+    The body begins at x = 0, and the centre of row 0 is at y = 0. `rows`: odd number of rows; `turn`: x of the centre
+    of the turns on the right, 0 for one row; `end`: x at which the body ends in the last row; `area`: area of the body
+    in nm^2; `width`: width of the body; `corners`: number of right-angled corners; `resistance`: resistance in ohms.
     """
 
     rows: int
@@ -42,12 +42,12 @@ class Serpentine:
 
 @dataclass(frozen=True)
 class Head:
-    """Measures of the ends of all resistors, in nanometres.
+    """Measures of the two ends of all resistors, which contain the contacts, in nanometres.
 
-    `length`: length of the material beyond the body; `contact`: distance of the contacts' centre from the body;
-    `height`: height of the material; `metal`: half height of the metal on the contacts; `bar`: width of a vertical
-    metal bar over the contacts; `pitch`: distance between rows; `inset`: distance between the ends of the body and the
-    centre of a turn.
+    `length`: length along x of an end beyond the body; `contact`: distance of the contacts' centre from the body;
+    `height`: height of an end; `metal`: half the height of the metal on the contacts; `bar`: width of a vertical bar of
+    metal 1 over the contacts; `pitch`: distance between rows of the body; `inset`: distance along x between the
+    beginning of the body and the centre of the turns on the left.
     """
 
     length: int
@@ -60,7 +60,7 @@ class Head:
 
 
 def head_of(rules: LayoutRules, width: int) -> Head:
-    """Return the measures of the ends of resistors of a width, in nanometres."""
+    """Return the measures of the ends of resistors; `width`: width of their bodies, in nanometres."""
     size, metal = rules.contact_size, rules.metals[0]
     length = rules.up(max(rules.head, rules.contact_distance + size + rules.contact_enclosure))
     height = rules.even(max(width, size + 2 * rules.contact_enclosure))
@@ -73,7 +73,10 @@ def head_of(rules: LayoutRules, width: int) -> Head:
 
 
 def contact_column(rules: LayoutRules, height: int) -> list[int]:
-    """Return the lower edges of the contacts of an end that is `height` nanometres high, from the centre of the row."""
+    """Return the y of the lower edge of each contact of an end, relative to the centre of the row, in nanometres.
+
+    `height`: height of the end, in nanometres.
+    """
     pitch = rules.contact_size + rules.contact_space
     count = max(1, (height - 2 * rules.contact_enclosure + rules.contact_space) // pitch)
     first = -(count * pitch - rules.contact_space) // 2
@@ -82,11 +85,12 @@ def contact_column(rules: LayoutRules, height: int) -> list[int]:
 
 
 def body_width(rules: LayoutRules, resistances: Sequence[float], width: float | None, matching: float | None) -> int:
-    """Return the width of all resistors in nanometres: even multiples of the grid.
+    """Return the width of all resistors in nanometres, an even multiple of the manufacturing grid.
 
-    `resistances`: values in ohms; `width`: wanted width in metres, None for the smallest one that the rules and
-    `matching` permit; `matching`: wanted standard deviation of the relative resistance.  The deviation is
-    ``coefficient / sqrt(width * length)`` (Pelgrom et al. 1989).
+    `resistances`: values in ohms; `width`: wanted width in metres, None for the smallest width that the rules and
+    `matching` permit; `matching`: wanted standard deviation of the relative resistance, None for no limit. The
+    deviation is ``coefficient / sqrt(width * length)`` (Pelgrom et al. 1989). Raises InputError for values that cannot
+    be drawn.
     """
     least = rules.even(rules.width)
     if width is not None and matching is not None:
@@ -114,9 +118,10 @@ def body_width(rules: LayoutRules, resistances: Sequence[float], width: float | 
 
 
 def _matched_width(rules: LayoutRules, resistance: float, matching: float) -> int:
-    """Return the width in nanometres at which a resistor has a standard deviation of its relative resistance.
+    """Return the width in nanometres at which a resistor's relative resistance has the standard deviation `matching`.
 
-    `resistance`: resistance in ohms; `matching`: the standard deviation.
+    `resistance`: resistance in ohms. Raises InputError if the process states no mismatch, or the resistor becomes too
+    wide.
     """
     if rules.resistor.mismatch is None:
         raise InputError(f"{rules.process} states no mismatch of resistors; give the width instead of matching")
@@ -141,7 +146,7 @@ def _matched_width(rules: LayoutRules, resistance: float, matching: float) -> in
 
 
 def serpentine(rules: LayoutRules, head: Head, width: int, resistance: float, rows: int) -> Serpentine | None:
-    """Return the resistor of a number of rows whose resistance is nearest, or None if the rows do not fit.
+    """Return the resistor with `rows` rows whose resistance is nearest to a value, or None if it is too short for them.
 
     `width`: width of the body in nanometres; `resistance`: wanted resistance in ohms; `rows`: odd number of rows.
     """
@@ -161,9 +166,11 @@ def serpentine(rules: LayoutRules, head: Head, width: int, resistance: float, ro
 
 
 def size_resistors(rules: LayoutRules, head: Head, width: int, resistances: Sequence[float]) -> list[Serpentine]:
-    """Return one drawn resistor per value, all with the number of rows that gives the smallest tile, or fewer.
+    """Return one drawn resistor for each resistance, in this order.
 
-    `resistances`: different values in ohms.  The measure of a tile is the sum of its width and its height.
+    The largest number of rows is chosen for all so that width plus height of a tile becomes smallest; a resistor that
+    is too short for this number has fewer rows. `width`: width of the bodies in nanometres; `resistances`: different
+    values in ohms. Raises InputError for a resistance that cannot be drawn.
     """
     for value in resistances:
         if not rules.body_length - rules.grid / 2 <= rules.length(value, width, 0) <= LONGEST:
@@ -187,13 +194,13 @@ def size_resistors(rules: LayoutRules, head: Head, width: int, resistances: Sequ
 
 
 def _half_perimeter(head: Head, shapes: Sequence[Serpentine]) -> int:
-    """Return an estimate of the width plus the height of a tile for the given resistors, in nanometres."""
+    """Return an estimate of width plus height, in nanometres, of a tile whose resistors have the given shapes."""
     rows = max(shape.rows for shape in shapes)
     return max(shape.end for shape in shapes) + 2 * head.length + 2 * (rows + 1) * head.pitch
 
 
 def draw_resistor(rules: LayoutRules, head: Head, shape: Serpentine) -> list[Box]:
-    """Return the rectangles of a resistor without its metal: body, ends, covers of the body, and contacts."""
+    """Return the rectangles of a resistor: body, ends, covers of the body, and contacts, but not the metal on them."""
     boxes = [(layer, *box) for layer in rules.body.values() for box in _body(head, shape)]
     half, last = shape.width // 2, (shape.rows - 1) * head.pitch
     for cover in rules.body_covers:
@@ -209,7 +216,7 @@ def draw_resistor(rules: LayoutRules, head: Head, shape: Serpentine) -> list[Box
 
 
 def _body(head: Head, shape: Serpentine) -> list[tuple[int, int, int, int]]:
-    """Return the corners of the rectangles of a body: its rows and its turns."""
+    """Return the rectangles (x0, y0, x1, y1) of a body, in nanometres: its rows and its turns."""
     half, boxes = shape.width // 2, []
     for row in range(shape.rows):
         left = 0 if row == 0 else head.inset - half

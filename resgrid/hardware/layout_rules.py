@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from resgrid.processes.process import Resistor
 
 Layer = tuple[int, int]
-"""Number and data type of a layer in a GDSII file."""
+"""Layer number and data type number of a layer in a GDSII file."""
 
 
 @dataclass(frozen=True)
@@ -30,8 +30,8 @@ class MetalRules:
     sheet : float
         Sheet resistance, in ohms per square.
     via, via_layer, via_size, via_space, via_enclosure
-        Name and layer of the vias to the next metal; edge length, spacing, and enclosure by both metals, in nanometres.
-        The name is empty for the highest metal.
+        Name and layer of the vias to the next metal above; edge length, spacing, and enclosure by both metals, in
+        nanometres.  For the highest metal the name is empty, and the other values have no meaning.
     """
 
     name: str
@@ -53,8 +53,9 @@ class MetalRules:
 class Cover:
     """A layer that covers resistors.
 
-    `name`: name of the layer in the process; `layer`: the layer; `beside`, `beyond`: overlap across and along the
-    current; `width`, `space`: smallest width and spacing, 0 without a rule; lengths are in nanometres.
+    `name`: name of the layer in the process; `layer`: its GDSII numbers; `beside`, `beyond`: distances by which it
+    extends past a resistor across and along the current; `width`, `space`: smallest width and spacing, 0 without a
+    rule; lengths are in nanometres.
     """
 
     name: str
@@ -133,12 +134,12 @@ class LayoutRules:
 
     @property
     def overlap(self) -> int:
-        """Largest overlap of a cover of bodies, across the current."""
+        """Largest overlap, across the current, of the layers that cover only bodies, in nanometres."""
         return max((cover.beside for cover in self.body_covers), default=0)
 
     @property
     def cover_space(self) -> int:
-        """Largest spacing of a cover of bodies."""
+        """Largest of the minimum spacings of the layers that cover only bodies, in nanometres."""
         return max((cover.space for cover in self.body_covers), default=0)
 
     def up(self, length: float) -> int:
@@ -146,7 +147,10 @@ class LayoutRules:
         return -int(-length // self.grid) * self.grid
 
     def even(self, length: float) -> int:
-        """Return the smallest multiple of twice the grid that is at least `length`, so that its half is on the grid."""
+        """Return the smallest multiple of twice the manufacturing grid that is at least `length` nanometres.
+
+        Half of the result is then on the grid.
+        """
         return -int(-length // (2 * self.grid)) * 2 * self.grid
 
     def resistance(self, area: int, width: int, corners: int) -> float:
@@ -161,9 +165,10 @@ class LayoutRules:
         return self.resistor.sheet_resistance * squares + 2e9 * self.resistor.end_resistance / width
 
     def length(self, resistance: float, width: int, corners: int) -> float:
-        """Return the length of a body along its centre line, in nanometres, from a corner's centre to the next one's.
+        """Return the length of the body of a resistor along its centre line, in nanometres.
 
-        `resistance`: resistance in ohms; `width`: width in nm; `corners`: number of right-angled corners.
+        At corners the centre line runs through the centre of the corner's square. `resistance`: resistance in ohms;
+        `width`: width of the body in nm; `corners`: number of its right-angled corners.
         """
         body = resistance - 2e9 * self.resistor.end_resistance / width
         squares = body / self.resistor.sheet_resistance - corners * self.resistor.bend_squares
@@ -178,8 +183,8 @@ Box = tuple[Layer, int, int, int, int]
 class Placement:
     """A cell placed once or as a regular array; lengths are in nanometres.
 
-    `cell`: name of the placed cell; `x`, `y`: origin of its first copy; `columns`, `rows`: numbers of copies along x
-    and y; `dx`, `dy`: distances between copies.
+    `cell`: name of the placed cell; `x`, `y`: place of the origin of its first copy; `columns`, `rows`: numbers of
+    copies along x and y; `dx`, `dy`: distances between copies along x and y.
     """
 
     cell: str
@@ -193,7 +198,7 @@ class Placement:
 
 @dataclass(frozen=True)
 class Label:
-    """A text at a place, in nanometres, on a layer."""
+    """A text `text` at the place `x`, `y`, in nanometres, on the layer `layer`."""
 
     text: str
     x: int
@@ -203,7 +208,10 @@ class Label:
 
 @dataclass(frozen=True)
 class DrawnCell:
-    """A cell of a layout: rectangles, placed cells and labels."""
+    """A cell of a GDSII or OASIS file.
+
+    `name`: its name; `boxes`: rectangles; `placements`: placements of other cells; `labels`: texts.
+    """
 
     name: str
     boxes: tuple[Box, ...] = ()
@@ -212,9 +220,9 @@ class DrawnCell:
 
 
 def fill_vias(metal: MetalRules, x0: int, y0: int, x1: int, y1: int, grid: int) -> Placement:
-    """Return an array of vias from a metal to the next one that fills a rectangle, centred in it; at least one via.
+    """Return a regular array of vias from a metal to the next one above, centred in a rectangle; at least one via.
 
-    `x0`, `y0`, `x1`, `y1`: rectangle of both metals, in nanometres; `grid`: manufacturing grid.
+    `x0`, `y0`, `x1`, `y1`: rectangle of both metals, in nanometres; `grid`: manufacturing grid in nanometres.
     """
     pitch, margin = metal.via_size + metal.via_space, 2 * metal.via_enclosure
     counts, starts = [], []

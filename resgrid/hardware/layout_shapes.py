@@ -11,7 +11,7 @@ from resgrid.hardware.layout import Layout
 from resgrid.hardware.layout_rules import DrawnCell, Layer
 
 Window = tuple[float, float, float, float]
-"""A rectangle x0, y0, x1, y1, in nanometres."""
+"""A rectangle: lower left corner x0, y0 and upper right corner x1, y1, in nanometres."""
 
 
 def expanded_shapes(
@@ -19,7 +19,7 @@ def expanded_shapes(
 ) -> dict[Layer, NDArray[np.float64]]:
     """Return the rectangles of a layout by layer, shape (rectangles, 4): x0, y0, x1, y1 in nanometres.
 
-    `window`: only rectangles that touch it; `layers`: only these layers.
+    `window`: only rectangles that touch it are returned, None for all; `layers`: only these layers, None for all.
     """
     cells = {cell.name: cell for cell in layout.cells}
     found: dict[Layer, list[NDArray[np.float64]]] = {}
@@ -35,9 +35,11 @@ def _expand(
     layers: set[Layer] | None,
     found: dict[Layer, list[NDArray[np.float64]]],
 ) -> None:
-    """Add the rectangles of a cell at several origins to `found`.
+    """Add the rectangles of a cell at several origins, with those of the cells that it contains, to `found`.
 
-    `cells`: all cells by name; `origins` (n, 2): places of the cell; `window`, `layers`: as in `expanded_shapes`.
+    `cells`: all cells by name; `origins` (n, 2): places of the cell, in nanometres; `window`: only rectangles that
+    touch it, None for all; `layers`: only these layers, None for all; `found`: arrays (rectangles, 4) by layer,
+    extended.
     """
     for layer, *corners in cell.boxes:
         if layers is None or layer in layers:

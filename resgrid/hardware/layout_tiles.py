@@ -19,12 +19,12 @@ from resgrid.hardware.layout_rules import Box, DrawnCell, LayoutRules, Placement
 
 @dataclass(frozen=True)
 class TileGeometry:
-    """Measures of a tile, in nanometres, from the centre of its bar in row 0.
+    """Measures of a tile, in nanometres, relative to the centre of its bar in row 0 of its resistor along x.
 
     `px`, `py`: distances between tiles along x and y; `start`: x at which the bodies of resistors begin; `upper`: y of
-    row 0 of the resistor along y; `back`: y of the strap to the next tile; `wire`: width of straps of metal 1; `low`,
-    `high`: ends of the bar; `link`: width of a link of metal 2 or 3 between goal cells; `stripe`: lower and upper edge
-    of the obstacle rail's stripe of metal 2.
+    row 0 of the resistor along y; `back`: y of the centre of the wire of metal 1 from the resistor along y to the next
+    tile; `wire`: width of such wires; `low`, `high`: lower and upper end of the bar; `link`: width of a wire of metal 2
+    or 3 between goal cells; `stripe`: y of the lower and upper edge of the obstacle rail's wire of metal 2.
     """
 
     px: int
@@ -40,7 +40,7 @@ class TileGeometry:
 
 
 def tile_geometry(rules: LayoutRules, head: Head, shapes: Sequence[Serpentine]) -> TileGeometry:
-    """Return the measures of the smallest tile that holds two of the given resistors, one along each axis."""
+    """Return the measures of the smallest tile that holds any two of the given resistors, one along each axis."""
     metal, second = rules.metals[0], rules.metals[1]
     half, over = shapes[0].width // 2, rules.overlap
     wire = rules.even(max(rules.contact_size + 2 * rules.contact_metal, metal.width))
@@ -73,9 +73,10 @@ def tile_geometry(rules: LayoutRules, head: Head, shapes: Sequence[Serpentine]) 
 
 
 def tile_cells(rules: LayoutRules, head: Head, tile: TileGeometry, shapes: Sequence[Serpentine]) -> list[DrawnCell]:
-    """Return the cells of the drawing that tiles consist of: vias, bar, ties to the rails, and two cells per value.
+    """Return the GDSII cells that tiles consist of.
 
-    Cell ``x3`` connects the bar of a tile to the next bar along x by the resistor ``r3``, cell ``y3`` along y.
+    They are vias, the bar, the ties to the obstacle rail and to a goal, and three cells per different resistance: cell
+    ``r3`` is a resistor, ``x3`` connects it to the bar of a tile and to the next bar along x, and ``y3`` along y.
     """
     first, second, third = rules.metals[:3]
     half, link = head.bar // 2, tile.link // 2
@@ -102,7 +103,7 @@ def tile_cells(rules: LayoutRules, head: Head, tile: TileGeometry, shapes: Seque
 def _along_x(
     rules: LayoutRules, head: Head, tile: TileGeometry, shape: Serpentine, name: str
 ) -> tuple[tuple[Box, ...], tuple[Placement, ...]]:
-    """Return the strap of metal 1 and the placed resistor `name` from a bar to the next one along x."""
+    """Return the wires of metal 1 and the placed resistor `name` that connect a bar to the next one along x."""
     layer, half = rules.metals[0].layer, tile.wire // 2
     x, y = tile.start + shape.end + head.contact, (shape.rows - 1) * head.pitch
     boxes: list[Box] = [(layer, x - half, y - head.metal, x + half, y + head.metal)]
@@ -113,7 +114,7 @@ def _along_x(
 def _along_y(
     rules: LayoutRules, head: Head, tile: TileGeometry, shape: Serpentine, name: str
 ) -> tuple[tuple[Box, ...], tuple[Placement, ...]]:
-    """Return the strap of metal 1 and the placed resistor `name` from a bar to the next one along y."""
+    """Return the wires of metal 1 and the placed resistor `name` that connect a bar to the next one along y."""
     layer, half = rules.metals[0].layer, tile.wire // 2
     x, y = tile.start + shape.end + head.contact, tile.upper + (shape.rows - 1) * head.pitch
     boxes: list[Box] = [(layer, x - half, y - head.metal, x + half, tile.back + half)]
@@ -122,9 +123,10 @@ def _along_y(
 
 
 def placements(cell: str, mask: NDArray[np.bool_], tile: TileGeometry, origin: tuple[int, int]) -> list[Placement]:
-    """Return the placements of a cell at all true places of a mask, as few arrays as a simple search finds.
+    """Return few placements, as regular arrays, that put a cell at all true places of a mask.
 
-    `mask` (columns, rows): tiles that contain the cell; `origin`: column and row of the first entry of the mask.
+    `cell`: name of the cell; `mask` (columns, rows): tiles that contain the cell; `origin`: column and row of the first
+    entry of the mask.
     """
     return [
         Placement(cell, (origin[0] + i) * tile.px, (origin[1] + j) * tile.py, columns, rows, tile.px, tile.py)
@@ -133,10 +135,10 @@ def placements(cell: str, mask: NDArray[np.bool_], tile: TileGeometry, origin: t
 
 
 def rectangles(mask: NDArray[np.bool_]) -> Iterator[tuple[int, int, int, int]]:
-    """Yield disjoint rectangles (i, j, columns, rows) that cover the true entries of a mask.
+    """Yield disjoint rectangles (first column i, first row j, columns, rows) that cover the true entries of a mask.
 
-    Runs along the first axis are merged with equal runs in the next rows; the search runs along the axis that has fewer
-    runs.  `mask`: array of two dimensions.
+    Runs of true entries along one axis are merged with equal runs in the next lines; the axis that gives fewer
+    rectangles is chosen. `mask`: array (columns, rows).
     """
     along = _merged_runs(mask)
     across = _merged_runs(mask.T)
@@ -147,7 +149,7 @@ def rectangles(mask: NDArray[np.bool_]) -> Iterator[tuple[int, int, int, int]]:
 
 
 def _merged_runs(mask: NDArray[np.bool_]) -> list[tuple[int, int, int, int]]:
-    """Return rectangles (i, j, columns, rows): runs along the first axis, merged along the second one."""
+    """Return rectangles (i, j, columns, rows) of runs of true entries along the first axis, merged along the second."""
     found: list[tuple[int, int, int, int]] = []
     begun: Mapping[tuple[int, int], int] = {}
     for j in range(mask.shape[1] + 1):

@@ -51,5 +51,5 @@ def compare_order(folder: Path, layers: Mapping[int, Sequence[CopperShape]], hol
 
 
 def _outlines(shapes: Iterable[CopperShape]) -> set[bytes]:
-    """Return the outlines of shapes in a form that can be compared."""
+    """Return the outlines of shapes in a normal form, as bytes, so that equal shapes have equal outlines."""
     return {shape.geometry.normalize().wkb for shape in shapes}

@@ -27,31 +27,37 @@ Point = tuple[float, float]
 Index = tuple[int, int]
 
 SMALLEST_PITCH: dict[Kind, float] = {"fixed": 5.08, "jumpers": 6.35}
-"""Smallest distance of cells on a board, in millimetres, at which parts can be soldered by hand and labels fit."""
+"""Smallest distance of the centres of neighbouring cells on a board, in millimetres.
+
+At smaller distances parts cannot be soldered by hand, and labels do not fit.
+"""
 
 USUAL_PITCH = 6.35
-"""Default distance of cells on a board, in millimetres."""
+"""Default distance of the centres of neighbouring cells on a board, in millimetres."""
 
 LARGEST_PITCH = 25.4
-"""Largest distance of cells on a board, in millimetres."""
+"""Largest distance of the centres of neighbouring cells on a board, in millimetres."""
 
 _ORIGIN = (20.0, 20.0)
 _LEFT, _RIGHT, _TOP, _BOTTOM = 11.0, 7.0, 9.0, 16.0
-"""Widths of the margins between the ring and the edges of the board, in millimetres."""
+"""Widths of the margins between the ring of the high rail and the edges of the board, in millimetres."""
 
 LANE = 0.6
-"""Distance of the vertical tracks next to the ring, in millimetres."""
+"""Distance between neighbouring vertical tracks outside the ring of the high rail, in millimetres."""
 
 CHANNELS = 4
-"""Largest number of pins of a header row for a converter, and of such rows."""
+"""Largest number of pins of a header row for an analogue-to-digital converter, and largest number of such rows."""
 
 _LINK_SPACING = 4.2
-"""Distance of the links of goal regions, in millimetres."""
+"""Distance between the links (two-pin headers) that tie goal regions to ground, in millimetres."""
 
 
 @dataclass(frozen=True)
 class Channel:
-    """A pin of a header row for a converter; `cell`: its cell; `net`: its net; `pin`: place of the pin."""
+    """A pin of a header row for a converter.
+
+    `cell`: the cell (column, row) whose voltage it carries; `net`: net of the cell; `pin`: place (x, y) in millimetres.
+    """
 
     cell: Index
     net: str
@@ -60,7 +66,10 @@ class Channel:
 
 @dataclass(frozen=True)
 class GoalTap:
-    """The cell at which the track of a goal region begins; `net`: its net; `lane`: number of its lane in the row."""
+    """The cell at which the track of a goal region begins.
+
+    `net`: net of the region; `cell`: (column, row); `lane`: 0, or 1 for the second track in the same row of the grid.
+    """
 
     net: str
     cell: Index
@@ -69,9 +78,10 @@ class GoalTap:
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """Places of parts.  x points to the right and y downwards; cell (0, 0) is at the lower left.
+    """Places of the parts of a board, in millimetres.
 
-    `circuit`: circuit of the board; `pitch`: distance of cells, in millimetres.
+    x points to the right and y downwards; cell (0, 0) is at the lower left. `circuit`: circuit of the board; `pitch`:
+    distance of neighbouring cells, in millimetres.
     """
 
     circuit: BoardCircuit
@@ -94,41 +104,44 @@ class Placement:
 
     @property
     def shape(self) -> Index:
-        """Numbers of cells along both axes."""
+        """Numbers of columns and rows of the grid of cells."""
         columns, rows = self.circuit.space.shape
         return columns, rows
 
     def at(self, i: float, j: float) -> Point:
-        """Return the place of the centre of a cell; `i`, `j`: its index, also between or outside cells."""
+        """Return the place (x, y) of a cell's centre in millimetres.
+
+        `i`, `j`: column and row, also fractions or outside.
+        """
         left, top = _ORIGIN[0] + _LEFT + self.pitch, _ORIGIN[1] + _TOP + self.pitch
         return rounded(left + i * self.pitch, top + (self.shape[1] - 1 - j) * self.pitch)
 
     @cached_property
     def ring(self) -> tuple[float, float, float, float]:
-        """Left, upper, right and lower line of the ring of the high rail around the grid."""
+        """Left x, upper y, right x and lower y of the track of the high rail around the grid, in millimetres."""
         (x0, y0), (x1, y1) = self.at(-1, self.shape[1]), self.at(self.shape[0], -1)
         return x0, y0, x1, y1
 
     @property
     def origin(self) -> Point:
-        """Upper left corner of the board."""
+        """Place (x, y) of the upper left corner of the board, in millimetres."""
         return _ORIGIN
 
     @property
     def size(self) -> Point:
-        """Width and height of the board."""
+        """Width and height of the board, in millimetres."""
         lanes = max(0, len(self.circuit.goal_nets) - 4) * LANE
         x0, y0, x1, y1 = self.ring
         return rounded(x1 - x0 + _LEFT + _RIGHT + lanes, y1 - y0 + _TOP + _BOTTOM)
 
     @property
     def corner(self) -> Point:
-        """Lower right corner of the board."""
+        """Place (x, y) of the lower right corner of the board, in millimetres."""
         return rounded(_ORIGIN[0] + self.size[0], _ORIGIN[1] + self.size[1])
 
     @property
     def resistors(self) -> list[PlacedFootprint]:
-        """All resistors, with their references next to them on the silkscreen."""
+        """All resistors in the order of the circuit, with their references next to them on the silkscreen."""
         placed = []
         size = label_size(max(len(part.reference) for part in self.circuit.resistors))
         for part in self.circuit.resistors:
@@ -144,7 +157,7 @@ class Placement:
 
     @property
     def test_pads(self) -> list[PlacedFootprint]:
-        """The pads of all cells with a node, in reading order; the value is the cell."""
+        """The test pads of all cells with a node, row by row from the top; the value text is the cell: ``"3,4"``."""
         cells = sorted(self.circuit.cell_nets, key=lambda cell: (-cell[1], cell[0]))
         return [
             PlacedFootprint(
@@ -155,7 +168,10 @@ class Placement:
 
     @property
     def jumpers(self) -> list[PlacedFootprint]:
-        """The solder jumpers of all cells: obstacle rail, node, goal rail; none on a board of kind fixed."""
+        """The solder jumpers of all cells, row by row from the top; empty on a board of kind "fixed".
+
+        Pad 1 is on the obstacle rail, pad 2 on the cell's node, pad 3 on the goal rail.
+        """
         if self.circuit.kind == "fixed":
             return []
         cells = sorted(self.circuit.cell_nets, key=lambda cell: (-cell[1], cell[0]))
@@ -170,7 +186,10 @@ class Placement:
 
     @cached_property
     def channels(self) -> list[list[Channel]]:
-        """Header rows for a converter: at most four rows of the grid with at most four cells each, from the top."""
+        """Header rows for a converter, from the top, each with the pins for at most four cells of one row of the grid.
+
+        There are at most four header rows.
+        """
         result, lowest = list[list[Channel]](), self.ring[1] + 0.5
         for j in self._channel_rows():
             cells = self._spread([i for i in range(self.shape[0]) if self._can_be_read((i, j))])
@@ -187,10 +206,10 @@ class Placement:
         return [group for group in result if group]
 
     def _channel_rows(self) -> list[int]:
-        """Return the rows of the grid with a header row for a converter, from the top.
+        """Return the rows of the grid that get a header row for a converter, from the top.
 
-        Their distance leaves room for the pins.  Rows with a tap of a goal region have none, because the tracks of both
-        would cut the plane between them into pieces.
+        They are far enough apart for the pins of the headers. Rows in which the track of a goal region begins are left
+        out, because the tracks of both would cut the copper plane between them into pieces.
         """
         rows = self.shape[1]
         taken = {tap.cell[1] for tap in self.goal_taps}
@@ -205,25 +224,28 @@ class Placement:
         return chosen
 
     def lane(self, number: float) -> float:
-        """Return the height of a track of a converter's channel above its row, in millimetres."""
+        """Return the distance in millimetres of a horizontal track above the centre of its row of cells.
+
+        `number`: number of the track to a converter header, from 0 for the lowest one in the row.
+        """
         first = 1.5 if self.circuit.kind == "fixed" else self.pitch / 2 - 0.325
         return first + 0.45 * number
 
     def _can_be_read(self, cell: Index) -> bool:
-        """Return whether a cell has a node that is not a rail."""
+        """Return whether a cell (column, row) has a node that is not on a rail."""
         net = self.circuit.cell_nets.get(cell)
         return net is not None and net != self.circuit.high_net and net not in self.circuit.goal_nets
 
     def _spread(self, columns: list[int]) -> list[int]:
-        """Return at most four of the given columns, evenly spread, in ascending order."""
+        """Return at most `CHANNELS` of the given columns, evenly spread, in ascending order."""
         count = min(CHANNELS, len(columns))
         return [columns[int((k + 0.5) * len(columns) / count)] for k in range(count)]
 
     @cached_property
     def goal_taps(self) -> list[GoalTap]:
-        """The cells at which tracks of the goal regions begin, from the lowest row; none on a board with jumpers.
+        """The cells at which the tracks of the goal regions begin, from the lowest row; empty on a board with jumpers.
 
-        A tap is preferably in a row without other taps.  Two taps in one row have different lanes.
+        A region begins in a row without other tracks of goals if possible. Two tracks in one row have different lanes.
         """
         if self.circuit.kind == "jumpers":
             return []
@@ -245,12 +267,12 @@ class Placement:
 
     @property
     def linked_goals(self) -> tuple[str, ...]:
-        """Nets of the goal rails in the order of their links, from the left."""
+        """Nets of the goal rails in the order of their links (headers that tie them to ground), from the left."""
         return tuple(tap.net for tap in self.goal_taps) or self.circuit.goal_nets
 
     @property
     def headers(self) -> list[PlacedFootprint]:
-        """Supply terminal J1, reference header J2, goal links, and header rows for a converter."""
+        """Supply terminal J1, header J2 for the supply as reference, goal links to ground, and converter headers."""
         left, _, right, bottom = self.ring
         high, goals = self.circuit.high_net, self.linked_goals
         parts: list[tuple[Footprint, str, float, float, tuple[str, ...], int]] = []
@@ -292,16 +314,19 @@ class Placement:
 
 
 def cell_of(placed: PlacedFootprint) -> Index:
-    """Return the cell of a test pad or solder jumper, which is its value as text: ``"3,4"``."""
+    """Return the cell (column, row) of a test pad or solder jumper, which its value text states: ``"3,4"``."""
     i, j = map(int, placed.value.split(","))
     return i, j
 
 
 def label_size(characters: int) -> Point:
-    """Return width and height of the letters of a label that must fit next to a part; `characters`: its length."""
+    """Return width and height, in millimetres, of the letters of a label next to a part.
+
+    `characters`: number of characters of the label.
+    """
     return (0.8 if characters <= 3 else 0.7 if characters == 4 else 0.6), 0.8
 
 
 def rounded(x: float, y: float) -> Point:
-    """Return a place with whole tenths of a micrometre, so that equal places have equal numbers."""
+    """Return a place (x, y) in millimetres rounded to 1e-4 mm, so that equal places have equal numbers."""
     return round(x, 4), round(y, 4)

@@ -14,31 +14,34 @@ from resgrid.hardware.placement import Placement, Point
 from resgrid.hardware.routing import Routing
 
 _CLEARANCE = 0.3
-"""Declared distance between the plane and copper of other nets, in millimetres."""
+"""Distance between the copper plane and copper of other nets that the board file states, in millimetres."""
 
 _DISTANCE = 0.32
-"""Distance that is cut out, in millimetres: arcs become polygons, which lie up to 1 % inside."""
+"""Distance between the plane and copper of other nets that is cut out, in millimetres.
+
+It exceeds `_CLEARANCE`, because polygons replace arcs and lie up to 1 % inside them.
+"""
 
 _EDGE = 0.6
-"""Distance between the plane and the edge of the board, in millimetres."""
+"""Distance between the copper plane and the edge of the board, in millimetres."""
 
 _HOLE = 0.6
-"""Distance between the plane and holes for screws, in millimetres."""
+"""Distance between the copper plane and mounting holes, in millimetres."""
 
 _GAP, _SPOKE = 0.45, 0.7
 """Width of the gap around a soldered pin of the plane's net, and of the four spokes across the gap, in millimetres."""
 
 _THINNEST = 0.3
-"""Smallest width of the plane, in millimetres."""
+"""Smallest width of the plane's copper, in millimetres; thinner parts are removed."""
 
 _STEPS = 8
-"""Number of segments of a quarter of a circle."""
+"""Number of straight segments that replace a quarter of a circle."""
 
 
 def fill_plane(placement: Placement, routing: Routing) -> Plane:
-    """Return the plane of the high rail on the back of a board.
+    """Return the copper plane of the high rail on the back of a board.
 
-    Parts of the copper that no via or pad of its net touches are left out.
+    Parts of the copper that no via or pad of the high rail touches are left out.
     """
     net = placement.circuit.high_net
     (x0, y0), (x1, y1) = placement.origin, placement.corner
@@ -67,11 +70,11 @@ def _cut_part(
     placed: PlacedFootprint, net: str, cut: list[BaseGeometry], gaps: list[BaseGeometry], spokes: list[BaseGeometry],
     contacts: list[Point],
 ) -> None:  # fmt: skip
-    """Add the areas that the holes and pads of a part cut out of the plane, and the spokes to soldered pins.
+    """Append the areas that the holes and pads of a part cut out of the plane, and the spokes to its soldered pins.
 
-    `net`: net of the plane; `cut`, `gaps`, `spokes`: areas of other nets, around soldered pins of the
-    plane's net, and of the spokes, to extend; `contacts`: points at which copper of the net meets the
-    plane, to extend.
+    `net`: net of the plane; `cut`: areas around pads of other nets and around holes; `gaps`: areas around soldered pins
+    of the plane's net; `spokes`: connections across these gaps; `contacts`: places at which pads of this net meet the
+    plane. The last four lists are extended.
     """
     soldered = "through_hole" in placed.footprint.attributes
     for number, pad in enumerate(placed.footprint.pads):
@@ -101,15 +104,16 @@ def _cut_part(
 
 
 def _polygons(area: BaseGeometry) -> Iterator[Polygon]:
-    """Yield the polygons of an area, from the upper left."""
+    """Yield the polygons of an area, sorted by their left and then by their upper end."""
     parts = [part for part in getattr(area, "geoms", [area]) if isinstance(part, Polygon) and not part.is_empty]
     yield from sorted(parts, key=lambda part: part.bounds)
 
 
 def _without_holes(area: Polygon) -> tuple[Point, ...]:
-    """Return one closed line around a polygon with holes: slits without width join the holes with the outer line.
+    """Return one closed line around a polygon with holes, in which slits without width lead to the holes.
 
-    Every hole, from the left, is joined at its leftmost corner with the nearest edge to the left of this corner.
+    From each hole's leftmost corner, a horizontal slit leads to the nearest edge on its left; KiCad's files have no
+    holes.
     """
     line = _corners(area.exterior.coords)
     holes = [_corners(ring.coords) for ring in area.interiors]
@@ -121,14 +125,17 @@ def _without_holes(area: Polygon) -> tuple[Point, ...]:
 
 
 def _corners(coordinates: Iterable[tuple[float, ...]]) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
-    """Return the corners (n, 2) of a closed line, without the repeated last one."""
+    """Return the corners (n, 2) of a closed line, in millimetres, without the repeated first corner at the end."""
     return np.round(np.array(list(coordinates), dtype=np.float64)[:-1, :2], 4)
 
 
 def _with_slit(
     line: np.ndarray[tuple[int, int], np.dtype[np.float64]], hole: np.ndarray[tuple[int, int], np.dtype[np.float64]]
 ) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
-    """Return a closed line (n, 2) that also goes around a hole (m, 2), whose first corner is its leftmost one."""
+    """Return a closed line (n + m + 3, 2) that also goes around a hole, to which a slit without width leads.
+
+    `line` (n, 2): corners of the closed line; `hole` (m, 2): corners of the hole, the leftmost one first.
+    """
     x, y = hole[0]
     after = np.roll(line, -1, axis=0)
     low, high = np.minimum(line[:, 1], after[:, 1]), np.maximum(line[:, 1], after[:, 1])

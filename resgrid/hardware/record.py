@@ -20,13 +20,13 @@ from resgrid._internal.values import frozen
 from resgrid.errors import InputError
 
 SCHEMA = 1
-"""Version of the format of records."""
+"""Version number of the file format of records."""
 
 SUFFIX = ".record.json"
 """Suffix of a record's file name, which replaces the suffix of the board or layout."""
 
 GROUND = "0"
-"""Net of ground in records, boards and SPICE netlists."""
+"""Name of the net of ground in records, boards and SPICE netlists."""
 
 PartType = Literal["resistor", "jumper", "connector", "test_pad", "hole"]
 """Types of parts in a record."""
@@ -35,7 +35,7 @@ _ENCODE = json.JSONEncoder(sort_keys=True, allow_nan=False).encode
 """Function that returns a value as JSON on one line, with sorted keys."""
 
 _STRICT = {"strict": True, "extra": "forbid"}
-"""Settings of pydantic: no conversion between types, and no unknown keys."""
+"""Settings with which pydantic validates a record: no conversion between types, and no unknown keys."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Part:
     value : float or None
         Resistance in ohms of a resistor, as the file realises it; None for other parts.
     nets : tuple of str
-        Net of each pad or terminal, in the order of its number.
+        Net of each pad or terminal, in the order of the pads' numbers.
     closed : tuple of int
         Numbers of the pads, counted from 1, that the jumper plan joins; empty for an open jumper and for other parts.
 
@@ -109,7 +109,7 @@ class HardwareRecord:
     file : str
         Name of the board or layout, in the folder of the record.
     scene_hash : str
-        Hash of the scene.
+        SHA-256 of the cells, conductances and options from which the file was made.
     process : str or None
         Name of the process of a layout, such as ``"ihp-sg13g2:rppd"``; None for a board.
     parts : tuple of Part
@@ -120,7 +120,7 @@ class HardwareRecord:
         Expected voltage of each net, in volts against net ``"0"``: the solution of `resgrid.solve` for exactly the
         values of `parts`.
     nodes : mapping of str to tuple of int
-        Cell of each net that belongs to a cell.
+        Cell (column, row) of each net that belongs to a cell; rails have no entry.
 
     Examples
     --------
@@ -147,7 +147,7 @@ class HardwareRecord:
 
     @property
     def part(self) -> dict[str, Part]:
-        """Part by reference."""
+        """Every part by its reference."""
         return {part.reference: part for part in self.parts}
 
 
@@ -177,7 +177,10 @@ def write_record(file: str | os.PathLike[str], record: HardwareRecord) -> Path:
 
 
 def format_record(record: HardwareRecord) -> str:
-    """Return the text of a record: sorted, one part, source, voltage or cell per line, with exact numbers."""
+    """Return the text of a record: sorted JSON with one part, source, voltage or cell per line.
+
+    Numbers are exact: reading them gives the same floating-point numbers.
+    """
     data = {each.name: getattr(record, each.name) for each in fields(record)} | {
         "schema": SCHEMA,
         "parts": [vars(part) for part in sorted(record.parts, key=lambda part: natural_order(part.reference))],
@@ -187,7 +190,7 @@ def format_record(record: HardwareRecord) -> str:
 
 
 def _value_text(value: Any) -> str:
-    """Return a value of a record as JSON, with one line per entry of a list or mapping."""
+    """Return a value of a record as JSON, with a line for each entry of a list or mapping."""
     if isinstance(value, Mapping) and value:
         entries = (f"{json.dumps(key)}: {_line(value[key])}" for key in sorted(value, key=natural_order))
         return "{\n" + ",\n".join(entries) + "\n}"
@@ -202,7 +205,7 @@ def _line(value: Any) -> str:
 
 
 def natural_order(name: str) -> tuple[tuple[str, int], ...]:
-    """Return a sort key that orders names by their numbers: R2 before R10."""
+    """Return a sort key for names that compares the numbers in them by value: R2 comes before R10."""
     return tuple((text, int(digits or -1)) for text, digits in re.findall(r"(\D*)(\d*)", name))
 
 
@@ -239,7 +242,10 @@ def read_record(file: str | os.PathLike[str]) -> HardwareRecord:
 
 
 def _parse(text: str, path: Path) -> HardwareRecord:
-    """Return the record with a text; raise InputError with the first problem.  `path`: its file, for messages."""
+    """Return the record that a JSON text contains; raise InputError with the first problem.
+
+    `path`: file of the text, for messages.
+    """
     from pydantic import TypeAdapter, ValidationError
 
     try:
@@ -256,14 +262,17 @@ def _parse(text: str, path: Path) -> HardwareRecord:
 
 
 def _require_consistency(record: HardwareRecord, words: str) -> None:
-    """Raise InputError if a record contradicts itself; `words`: beginning of the message."""
+    """Raise InputError if a record contradicts itself; `words`: beginning of the error message."""
     problem = next(_contradictions(record), None)
     if problem is not None:
         raise InputError(f"{words}: {problem}; write the board or layout again")
 
 
 def _contradictions(record: HardwareRecord) -> Iterator[str]:
-    """Yield a message for every contradiction inside a record."""
+    """Yield a message for every contradiction inside a record.
+
+    Examples are two parts of one reference, a resistor without a positive value, and a source on an unknown net.
+    """
     for reference, count in Counter(part.reference for part in record.parts).items():
         if count > 1:
             yield f"{count} parts have the reference {reference}"

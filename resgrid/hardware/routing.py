@@ -15,28 +15,28 @@ from resgrid.hardware.placement import LANE, Placement, Point, rounded
 from resgrid.hardware.record import GROUND
 
 _RAIL, _THIN, _WIDE = 0.8, 0.2, 0.3
-"""Widths of the tracks of rails, of a converter's channels, and of goal regions, in millimetres."""
+"""Widths of the tracks of rails, of those to converter headers, and of those of goal regions, in millimetres."""
 
 _CLEARANCE = 0.2
-"""Smallest distance of tracks on different nets by the rules of the project, in millimetres."""
+"""Smallest distance between tracks on different nets, in millimetres."""
 
 _BELOW = 1.65
-"""Distance of the first goal track from the middle of its row, in millimetres."""
+"""Distance of the first horizontal goal track below the centre of its row of cells, in millimetres."""
 
 _FIRST_LANE = 0.95
-"""Distance of the first vertical track from the ring, in millimetres."""
+"""Distance of the innermost vertical track from the ring of the high rail, in millimetres."""
 
 
 @dataclass(frozen=True)
 class Routing:
-    """Copper of a board without pads and plane: `tracks` and `vias`."""
+    """Tracks and vias of a board, without pads and the copper plane."""
 
     tracks: tuple[Track, ...]
     vias: tuple[Via, ...]
 
 
 def route(placement: Placement) -> Routing:
-    """Return the tracks and vias of a board."""
+    """Return all tracks and vias of a board."""
     parts: list[Track | Via] = [
         *_grid(placement),
         *_ring(placement),
@@ -52,13 +52,16 @@ def route(placement: Placement) -> Routing:
 
 
 def _path(points: list[Point], net: str, layer: str, width: float) -> Iterator[Track]:
-    """Yield the tracks between consecutive points."""
+    """Yield the straight tracks between consecutive points.
+
+    `points`: places (x, y) in mm; `net`: net of the tracks; `layer`: name of the copper layer; `width`: in mm.
+    """
     corners = [rounded(*point) for point in points]
     yield from (Track(start, stop, net, layer, width) for start, stop in pairwise(corners))
 
 
 def _grid(placement: Placement) -> Iterator[Track | Via]:
-    """Yield the tracks from every resistor to the cells at its ends, and the vias of obstacle cells to the plane."""
+    """Yield the tracks from every resistor to the cells at its ends, and the vias from obstacle cells to the plane."""
     circuit = placement.circuit
     columns, rows = placement.shape
     for part, placed in zip(circuit.resistors, placement.resistors, strict=True):
@@ -71,7 +74,7 @@ def _grid(placement: Placement) -> Iterator[Track | Via]:
 
 
 def _ring(placement: Placement) -> Iterator[Track | Via]:
-    """Yield the ring of the high rail around the grid, with a via to the plane at every row and column."""
+    """Yield the closed track of the high rail around the grid, with a via to the plane at every row and column."""
     net, (x0, y0, x1, y1) = placement.circuit.high_net, placement.ring
     yield from _path([(x0, y0), (x1, y0), (x1, y1), (x0, y1), (x0, y0)], net, "F.Cu", _RAIL)
     columns, rows = placement.shape
@@ -96,7 +99,7 @@ def _goal_regions(placement: Placement) -> Iterator[Track]:
 
 
 def _links(placement: Placement) -> dict[str, Point]:
-    """Return the place of the pin of every goal's link, by net."""
+    """Return the place (x, y) in mm of the pin of each goal link (header that ties a goal region to ground), by net."""
     found = {}
     for placed in placement.headers:
         if placed.value.startswith("LINK"):
@@ -105,7 +108,10 @@ def _links(placement: Placement) -> dict[str, Point]:
 
 
 def _goal_tracks(placement: Placement) -> Iterator[Track]:
-    """Yield the tracks of goal regions on the back: below their row to the right, and down to their links."""
+    """Yield the tracks of goal regions on the back.
+
+    Each runs below the row of its first cell to the right, and outside the ring of the high rail down to its link.
+    """
     _, _, right, bottom = placement.ring
     links = _links(placement)
     for number, tap in enumerate(placement.goal_taps):
@@ -117,7 +123,7 @@ def _goal_tracks(placement: Placement) -> Iterator[Track]:
 
 
 def _jumpers(placement: Placement) -> Iterator[Track | Via]:
-    """Yield the tracks of solder jumpers: to the node, to the plane, and to the goal rail of their row."""
+    """Yield the tracks of solder jumpers to the node of the cell, to the plane, and to the goal rail of the row."""
     circuit = placement.circuit
     if circuit.kind == "fixed":
         return
@@ -145,9 +151,9 @@ def _jumpers(placement: Placement) -> Iterator[Track | Via]:
 
 
 def _channels(placement: Placement) -> Iterator[Track | Via]:
-    """Yield the tracks from cells to the header rows of a converter, on the back, in lanes above the cells' row.
+    """Yield the tracks on the back from cells to the header rows of a converter.
 
-    The lanes of a row are ordered: the leftmost cell has the lowest lane, so that no track crosses another one.
+    The horizontal tracks of a row lie above its cells. The leftmost cell has the lowest one, so that no tracks cross.
     """
     left = placement.ring[0]
     for group in placement.channels:
@@ -167,7 +173,7 @@ def _channels(placement: Placement) -> Iterator[Track | Via]:
 
 
 def _ground(placement: Placement) -> Iterator[Track]:
-    """Yield the tracks of ground, on the front: one line below the terminals, and a track to every ground pin."""
+    """Yield the tracks of ground on the front: a line below the terminals, and a track to every ground pin."""
     line = placement.ring[3] + 10.6
     pins: list[Point] = []
     for placed in placement.headers:
@@ -179,5 +185,5 @@ def _ground(placement: Placement) -> Iterator[Track]:
 
 
 def _place(placed: PlacedFootprint, at: int) -> Point:
-    """Return the place of pad number `at`, counted from 0, of a part."""
+    """Return the place (x, y) in mm of a pad of a part; `at`: index of the pad, from 0."""
     return placed.place_of(placed.footprint.pads[at])

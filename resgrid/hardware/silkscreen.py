@@ -15,34 +15,37 @@ from resgrid.hardware.kicad.footprints import Graphics, Text
 from resgrid.hardware.placement import Index, Placement, label_size, rounded
 
 _LINE = 0.15
-"""Width of lines, in millimetres."""
+"""Width of printed lines, in millimetres."""
 
 _HATCH = 1.1
-"""Distance of the lines that fill obstacles, in millimetres."""
+"""Distance of the parallel lines that fill obstacles, in millimetres."""
 
 _FREE_OF_PADS, _FREE_OF_TEXT = 0.25, 0.2
-"""Distances of lines from pads and from texts, in millimetres."""
+"""Smallest distances of printed lines from pads and from texts, in millimetres."""
 
 _INSET, _OVERLAP = 0.3, 0.02
-"""Distance of an obstacle's outline from its border, and overlap of squares, so that their union has no gaps."""
+"""Distance of the printed outline of obstacles from the border of their cells, and overlap of cells, in millimetres.
+
+With the overlap, the union of neighbouring cells has no gaps.
+"""
 
 SEE_BACK = "voltages: see back"
-"""Line of the legend that only the front has."""
+"""Line of the legend that is printed on the front only."""
 
 _LEGEND = 5
-"""Largest number of lines of the legend."""
+"""Largest number of lines of the legend on the front; a longer legend is printed on the back only."""
 
 _SHORTEST = 0.35
-"""Length below which a piece of a line is left out, in millimetres."""
+"""Length in millimetres below which the rest of a line between texts and pads is not printed."""
 
 Legend = tuple[str, str, tuple[str, ...]]
-"""Title, second line, and lines of the legend."""
+"""Texts of a board: title, second line, and lines of the legend of voltages."""
 
 
 def draw_silkscreen(placement: Placement, legend: Legend, starts: Iterable[Index]) -> Graphics:
-    """Return the texts and lines of both silkscreens.
+    """Return the texts and lines printed on the front and the back.
 
-    `legend`: title, second line and legend; `starts`: cells of the scene's starts.
+    `legend`: title, second line and lines of the legend; `starts`: cells (column, row) of the scene's starts.
     """
     texts = [
         *_title(placement, legend),
@@ -64,7 +67,7 @@ def draw_silkscreen(placement: Placement, legend: Legend, starts: Iterable[Index
 
 
 def _title(placement: Placement, legend: Legend) -> Iterator[Text]:
-    """Yield the title of the front, shortened to the width between the holes."""
+    """Yield title and second line of the front, shortened to the width between the mounting holes."""
     (x0, y0), (x1, _) = placement.origin, placement.corner
     width = x1 - x0 - 16.5
     size = max(1.0, min(1.6, width / (0.95 * max(1, len(legend[0])))))
@@ -73,14 +76,18 @@ def _title(placement: Placement, legend: Legend) -> Iterator[Text]:
 
 
 def _fitted(text: str, x: float, y: float, width: float, size: float) -> Text:
-    """Return a text that starts at a place, shortened to a width in millimetres; `size`: of its letters."""
+    """Return a text on the front, shortened to a width.
+
+    `x`, `y`: place of its left end; `width`: largest width; `size`: height and width of its letters; all in
+    millimetres.
+    """
     most = max(1, int(width / (0.95 * size)))
     shown = text if len(text) <= most else text[: most - 3].rstrip() + "..."
     return Text(shown, *rounded(x, y), (size, size), align="left", thickness=round(max(0.12, size * 0.14), 3))
 
 
 def _numbers(placement: Placement) -> Iterator[Text]:
-    """Yield the numbers of columns and rows outside the ring."""
+    """Yield the numbers of columns and rows, which are printed on all four sides of the grid."""
     x0, y0, x1, y1 = placement.ring
     columns, rows = placement.shape
     for i in range(columns):
@@ -94,7 +101,10 @@ def _numbers(placement: Placement) -> Iterator[Text]:
 
 
 def _cell_labels(placement: Placement, starts: set[Index]) -> Iterator[Text]:
-    """Yield the labels of test pads, goals and starts; on a board with jumpers also those of the rails' pads."""
+    """Yield the labels of test pads, goals and starts; on a board with jumpers also "O" and "G" at their outer pads.
+
+    `starts`: cells (column, row) of the scene's starts.
+    """
     circuit = placement.circuit
     regions = circuit.space.goal_region
     for cell in circuit.cell_nets:
@@ -114,7 +124,7 @@ def _cell_labels(placement: Placement, starts: set[Index]) -> Iterator[Text]:
 
 
 def _terminal_labels(placement: Placement) -> Iterator[Text]:
-    """Yield the labels of supply, reference, links of goals, and header rows."""
+    """Yield the labels of the pins of supply, reference header, goal links and converter headers."""
     wiring = placement.circuit.wiring
     high = f"{wiring.supply:+g}V"
     for placed in placement.headers:
@@ -136,7 +146,10 @@ def _terminal_labels(placement: Placement) -> Iterator[Text]:
 
 
 def _front_legend(placement: Placement, lines: Iterable[str]) -> Iterator[Text]:
-    """Yield the legend between the reference header and the links, unless it would have more than five lines."""
+    """Yield the legend between the reference header and the goal links; nothing if it would have more than five lines.
+
+    `lines`: lines of the legend, which are divided at spaces to fit.
+    """
     left, _, right, bottom = placement.ring
     links = [placed.x for placed in placement.headers if placed.value.startswith("LINK")]
     start = left + 18.2
@@ -147,7 +160,10 @@ def _front_legend(placement: Placement, lines: Iterable[str]) -> Iterator[Text]:
 
 
 def _back(placement: Placement, legend: Legend) -> Iterator[Text]:
-    """Yield the texts of the back: title, legend, and the expected voltage below each pad of a fixed board."""
+    """Yield the printed texts of the back: title, legend, and the expected voltage below each pad of a fixed board.
+
+    `legend`: title, second line, and lines of the legend.
+    """
     (x0, y0), (x1, y1) = placement.origin, placement.corner
     title = _fitted(legend[0], 0.0, y0 + 2.9, x1 - x0 - 16.5, 1.2)
     right = x1 - 8.2
@@ -167,12 +183,12 @@ def _back(placement: Placement, legend: Legend) -> Iterator[Text]:
 
 
 def _wrapped(lines: Iterable[str], most: int) -> list[str]:
-    """Return lines of at most `most` characters, divided at spaces."""
+    """Return the given lines, divided at spaces into lines of at most `most` characters."""
     return [part for line in lines for part in wrap(line, max(most, 12))]
 
 
 def _blocked(placement: Placement, texts: list[Text]) -> BaseGeometry:
-    """Return the area that lines must avoid: pads, texts, references, and outlines of parts."""
+    """Return the area, in mm, that printed lines must avoid: pads, texts, references, and outlines of parts."""
     areas: list[BaseGeometry] = [box(*text.box).buffer(_FREE_OF_TEXT) for text in texts]
     for placed in placement.parts:
         for pad in placed.footprint.pads:
@@ -187,7 +203,10 @@ def _blocked(placement: Placement, texts: list[Text]) -> BaseGeometry:
 
 
 def _lines(placement: Placement) -> Iterator[LineString]:
-    """Yield the lines of the scene's picture, before texts and pads are cut out."""
+    """Yield the lines of the scene's picture before those on texts and pads are removed.
+
+    They are the border, hatched obstacles, and two circles around each goal cell.
+    """
     yield from _border(placement)
     if placement.circuit.kind == "jumpers":
         return
@@ -201,7 +220,7 @@ def _lines(placement: Placement) -> Iterator[LineString]:
 
 
 def _area(placement: Placement, cells: Iterable[Index]) -> BaseGeometry:
-    """Return the area of cells on the board."""
+    """Return the union of cells (column, row) on the board in millimetres, smaller by `_INSET` on all sides."""
     half = placement.pitch / 2
     squares = []
     for cell in cells:
@@ -211,7 +230,7 @@ def _area(placement: Placement, cells: Iterable[Index]) -> BaseGeometry:
 
 
 def _hatched(area: BaseGeometry) -> Iterator[LineString]:
-    """Yield the outline of an area and parallel lines inside it."""
+    """Yield the outline of an area, and oblique parallel lines inside it."""
     if area.is_empty:
         return
     for part in getattr(area, "geoms", [area]):
@@ -228,7 +247,7 @@ def _hatched(area: BaseGeometry) -> Iterator[LineString]:
 
 
 def _border(placement: Placement) -> Iterator[LineString]:
-    """Yield the border of the grid, with short oblique lines along sides that act as obstacles."""
+    """Yield the border of the grid, with short oblique lines outside the sides that act as obstacles."""
     columns, rows = placement.shape
     (x0, y0), (x1, y1) = placement.at(-0.5, rows - 0.5), placement.at(columns - 0.5, -0.5)
     corners = ((x0, y0), (x1, y0), (x1, y1), (x0, y1))

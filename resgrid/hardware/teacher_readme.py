@@ -17,17 +17,17 @@ if TYPE_CHECKING:
     from resgrid.hardware.board import Board
 
 _MOST_VOLTS = 12.0
-"""Largest supply that the README recommends, in volts."""
+"""Upper limit of the other supplies that the README permits, in volts."""
 
 CHEAP = 100.0
-"""Width and height in millimetres up to which manufacturers of boards have a low price."""
+"""Width and height in millimetres up to which manufacturers of boards charge least."""
 
 
 def format_readme(board: Board, yields: Mapping[int, Proportion], *, manufactured: bool) -> str:
-    """Return the text of README.md.
+    """Return the text of ``README.md`` in the folder of a board.
 
-    `yields`: predicted yield by the resolution of the converter, in bits; `manufactured`: whether the folder contains
-    the files for a manufacturer.
+    `yields`: fraction of starts that arrive, by the resolution of the converter in bits; `manufactured`: whether the
+    folder contains the files for a manufacturer.
     """
     parts = (
         _head(board),
@@ -41,7 +41,7 @@ def format_readme(board: Board, yields: Mapping[int, Proportion], *, manufacture
 
 
 def _filled(block: str) -> str:
-    """Return a paragraph or list with lines of at most 100 characters; headings and tables stay unchanged."""
+    """Return a paragraph or list with lines of at most 100 characters; return headings and tables unchanged."""
     if block.startswith(("#", "|")):
         return block
     items: list[str] = []
@@ -59,7 +59,7 @@ def _filled(block: str) -> str:
 
 
 def _head(board: Board) -> str:
-    """Return title and purpose."""
+    """Return title and purpose of the board as Markdown."""
     width, height = board.size
     wiring = board.circuit.wiring
     high = f"obstacles are at {wiring.supply:g} V"
@@ -90,7 +90,10 @@ robot that always steps to the neighbour with the lowest voltage arrives at the 
 
 
 def _order(board: Board, *, manufactured: bool) -> str:
-    """Return the section on orders."""
+    """Return the section about ordering the board and its parts as Markdown.
+
+    `manufactured`: whether the folder contains the files for a manufacturer.
+    """
     rows = "\n".join(
         f"| {quantity} | {value} | {package} | {tolerance} | {about} |"
         for _, quantity, value, package, tolerance, about in bill_rows(board)
@@ -116,7 +119,7 @@ header rows are only needed for a converter, the screws only for a case."""
 
 
 def _solder(board: Board) -> str:
-    """Return the section on soldering."""
+    """Return the section about soldering as Markdown."""
     values = sorted({part.ohms for part in board.circuit.resistors})
     first = (
         f"All resistors have the same value, {resistance_text(values[0])}, so no resistor can be exchanged for another."
@@ -139,7 +142,7 @@ def _solder(board: Board) -> str:
 
 
 def _measure(board: Board) -> str:
-    """Return the section on measurements."""
+    """Return the section about measurements and expected values as Markdown."""
     circuit = board.circuit
     goals = ", ".join(f"{name}: {formatted(amps, 'A')}" for name, amps in circuit.goal_currents.items())
     volts = circuit.wiring.supply
@@ -171,7 +174,10 @@ are negative then. Any other supply of up to {most:.2g} V also works: all voltag
 
 
 def _yield(board: Board, yields: Mapping[int, Proportion]) -> str:
-    """Return the section on the predicted yield."""
+    """Return the section about the predicted yield as Markdown.
+
+    `yields`: fraction of starts that arrive, by the resolution of the converter in bits.
+    """
     advice = "If too few starts arrive, take a finer converter."
     if board.circuit.wiring.boundary == "dirichlet":
         advice = (
@@ -193,7 +199,7 @@ A multimeter with 2000 counts corresponds to 11 bits. {advice}"""
 
 
 def _help(board: Board) -> str:
-    """Return the section on troubleshooting."""
+    """Return the section about troubleshooting as Markdown."""
     volts = board.circuit.wiring.supply
     jumper = (
         "\n| a whole area at one voltage | a bridge at a wrong cell | compare with the jumper plan |"
@@ -213,7 +219,10 @@ def _help(board: Board) -> str:
 
 
 def _files(board: Board, *, manufactured: bool) -> str:
-    """Return the list of files."""
+    """Return the table of files in the board's folder as Markdown.
+
+    `manufactured`: whether the folder contains the files for a manufacturer.
+    """
     lines = [
         "| `grid.kicad_pro`, `.kicad_sch`, `.kicad_pcb` | the KiCad 9 project: open the first one |",
         "| `resgrid.kicad_sym`, `resgrid.pretty` | its symbols and footprints |",

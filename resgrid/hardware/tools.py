@@ -20,10 +20,10 @@ from resgrid._internal.subprocesses import kill_session
 from resgrid.errors import BudgetError, InputError, ToolMissingError
 
 KICAD_VARIABLE = "RESGRID_KICAD_CLI"
-"""Environment variable with the path of kicad-cli."""
+"""Name of the environment variable that gives the path of kicad-cli."""
 
 KLAYOUT_VARIABLE = "RESGRID_KLAYOUT_PYTHON"
-"""Environment variable with the path of a Python interpreter that can import ``klayout.db``."""
+"""Name of the environment variable that gives the path of a Python interpreter that can import ``klayout.db``."""
 
 KICAD_VERSION = 9
 """Lowest major version of KiCad that reads the boards of resgrid."""
@@ -33,25 +33,25 @@ TIMEOUT = 600.0
 
 _CHECKOUT = Path(__file__).resolve().parents[2]
 _UNPACKED = _CHECKOUT / ".venv-kicad" / "kicad-cli"
-"""Place where ``scripts/unpack_kicad.sh .venv-kicad`` puts kicad-cli."""
+"""Place of kicad-cli after ``scripts/unpack_kicad.sh .venv-kicad`` in a checkout of resgrid."""
 
 _ASK_KLAYOUT = "import klayout.db; print(klayout.db.__version__)"
 _SHOWN = 400
-"""Maximum number of characters of a program's last messages that an error quotes."""
+"""Maximum number of characters at the end of a program's output that an error message quotes."""
 
 
 @dataclass(frozen=True)
 class KicadCli:
-    """An installed kicad-cli; `program`: its path; `version`: its version, such as ``"9.0.8"``."""
+    """An installed kicad-cli; `program`: path of the program; `version`: its version, such as ``"9.0.8"``."""
 
     program: str
     version: str
 
     def run(self, *arguments: str | Path, timeout: float = TIMEOUT) -> str:
-        """Run kicad-cli, and return the text that it prints.
+        """Run kicad-cli, and return the text that it prints on standard output.
 
-        `arguments`: its arguments; `timeout`: longest run, in seconds.  Settings of the user have no effect.  Raises
-        InputError if kicad-cli fails, and BudgetError after the timeout.
+        `arguments`: arguments of the command; `timeout`: longest run, in seconds. KiCad's settings of the user have no
+        effect. Raises InputError if kicad-cli fails, and BudgetError after the timeout.
         """
         with temporary_folder() as folder:
             settings = {"KICAD_CONFIG_HOME": str(folder), "LC_ALL": "C.UTF-8"}
@@ -64,15 +64,15 @@ class KicadCli:
 
 @dataclass(frozen=True)
 class KlayoutPython:
-    """A Python interpreter with klayout; `program`: its path; `version`: the version of klayout."""
+    """A Python interpreter with klayout; `program`: path of the interpreter; `version`: version of klayout."""
 
     program: str
     version: str
 
     def run(self, script: Path, *arguments: str | Path, timeout: float = TIMEOUT) -> str:
-        """Run a Python script, and return the text that it prints.
+        """Run a Python script, and return the text that it prints on standard output.
 
-        `script`: path of the script; `arguments`: its arguments; `timeout`: longest run, in seconds.  Raises InputError
+        `script`: path of the script; `arguments`: its arguments; `timeout`: longest run, in seconds. Raises InputError
         if the script fails, and BudgetError after the timeout.
         """
         status, printed, messages = _run([self.program, "-I", str(script), *map(str, arguments)], timeout, {})
@@ -101,7 +101,7 @@ def find_kicad() -> KicadCli:
 
 
 def kicad_remedy() -> str:
-    """Return a sentence about the ways to obtain kicad-cli."""
+    """Return a sentence about the ways to obtain kicad-cli, for messages."""
     script = f"'scripts/unpack_kicad.sh .venv-kicad' in {_CHECKOUT} unpacks it on Debian 12 without root; otherwise "
     has_script = (_CHECKOUT / "scripts" / "unpack_kicad.sh").exists()
     return (
@@ -128,7 +128,10 @@ def find_klayout() -> KlayoutPython:
 
 
 def _version(command: list[str]) -> str:
-    """Return the version that a command prints, empty if the command fails or prints none."""
+    """Return the version that a program prints; empty if the program fails or prints no version.
+
+    `command`: program and arguments.
+    """
     with temporary_folder() as folder:
         try:
             status, printed, _ = _run(command, 60.0, {"KICAD_CONFIG_HOME": str(folder)})
@@ -139,13 +142,13 @@ def _version(command: list[str]) -> str:
 
 
 def _major(version: str) -> int:
-    """Return the first number of a version, 0 without one."""
+    """Return the first number of a version text such as "9.0.8", 0 without a number."""
     numbers = re.findall(r"\d+", version)
     return int(numbers[0]) if numbers else 0
 
 
 def _last(messages: str) -> str:
-    """Return the end of a program's messages on one line, at most `_SHOWN` characters."""
+    """Return the end of a program's output on one line, at most `_SHOWN` characters."""
     return " ".join(messages.split())[-_SHOWN:] or "it printed no message"
 
 

@@ -31,20 +31,19 @@ if TYPE_CHECKING:
 
 
 class _File(Protocol):
-    """An open writer of rosbags."""
+    """Interface of the open writers of rosbags that is used here."""
 
     def add_connection(self, topic: str, msgtype: str, **options: Any) -> Any:
-        """Add a topic."""
+        """Add a topic of a message type, and return the connection for its messages."""
 
     def write(self, connection: Any, timestamp: int, data: Any) -> None:
-        """Write a message."""
+        """Write an encoded message on a topic; `timestamp`: time of arrival in nanoseconds."""
 
 
 class BagWriter:
-    """Messages of an open bag.
+    """Writer of messages into an open recording.
 
-    `file`: writer of rosbags; `ros`: version of ROS.  Transient-local topics of ROS 2 and latched ones of ROS 1 serve
-    subscribers that come later.
+    `file`: writer of rosbags; `ros`: 1 or 2 for ROS 1 or ROS 2.
     """
 
     def __init__(self, file: _File, ros: Literal[1, 2]) -> None:
@@ -53,11 +52,14 @@ class BagWriter:
 
     @property
     def store(self) -> Typestore:
-        """Message types of the bag."""
+        """Message types that the recording can hold."""
         return self._store
 
     def add(self, topic: str, kind: str, *, is_latched: bool = False) -> None:
-        """Add a topic of a message type."""
+        """Add a topic of the message type `kind`.
+
+        `is_latched`: whether a late subscriber also gets the last message (latched in ROS 1, transient-local in ROS 2).
+        """
         options: dict[str, Any] = {"typestore": self._store}
         if is_latched and self._ros == 1:
             options["latching"] = 1
@@ -66,28 +68,28 @@ class BagWriter:
         self._connections[topic] = self._file.add_connection(topic, kind, **options), kind
 
     def write(self, topic: str, received: int, message: Any) -> None:
-        """Write a message; `received`: time of arrival in nanoseconds."""
+        """Write a message on a topic that was added; `received`: time of arrival in nanoseconds."""
         connection, kind = self._connections[topic]
         encode = self._store.serialize_ros1 if self._ros == 1 else self._store.serialize_cdr
         self._file.write(connection, received, encode(message, kind))
 
     def header(self, stamp: int, frame_id: str) -> Any:
-        """Return a header; `stamp`: time in nanoseconds."""
+        """Return a ``std_msgs/Header``; `stamp`: time in nanoseconds; `frame_id`: coordinate frame."""
         time = self.new("builtin_interfaces/msg/Time", **ros_time(stamp))
         sequence = {"seq": 0} if self._ros == 1 else {}
         return self.new("std_msgs/msg/Header", **sequence, stamp=time, frame_id=frame_id)
 
     def pose(self, x: float, y: float, yaw: float) -> Any:
-        """Return a ``geometry_msgs/Pose`` in the plane."""
+        """Return a ``geometry_msgs/Pose`` in the plane; `x`, `y`: in metres; `yaw`: heading in radians."""
         place = self.new("geometry_msgs/msg/Point", x=x, y=y, z=0.0)
         return self.new("geometry_msgs/msg/Pose", position=place, orientation=self.turn(yaw))
 
     def turn(self, yaw: float) -> Any:
-        """Return the quaternion of a heading in radians."""
+        """Return the ``geometry_msgs/Quaternion`` of a heading in radians."""
         return self.new("geometry_msgs/msg/Quaternion", **ros_quaternion(yaw))
 
     def new(self, kind: str, **values: Any) -> Any:
-        """Return a message of a type with the given values."""
+        """Return a message of the type `kind`; `values`: its fields by name."""
         return self._store.types[kind](**values)
 
     def grid(self, snapshot: MapSnapshot) -> Any:
@@ -101,7 +103,7 @@ class BagWriter:
         return self.new(GRID, header=header, info=info, data=snapshot.occupancy.ravel())
 
     def path(self, result: StreamedPath) -> Any:
-        """Return the ``nav_msgs/Path`` message of a result; without poses if it has no certified path to a goal."""
+        """Return the ``nav_msgs/Path`` message of a planned path; without poses if no certified path reaches a goal."""
         snapshot = result.snapshot
         header = self.header(snapshot.stamp or snapshot.received, snapshot.frame_id)
         poses = []
@@ -113,7 +115,10 @@ class BagWriter:
         return self.new(PATH, header=header, poses=poses)
 
     def transform(self, snapshot: MapSnapshot, child: str) -> Any:
-        """Return the transforms message with the place of the robot in a snapshot; `child`: frame of the robot."""
+        """Return a ``tf2_msgs/TFMessage`` with the pose of the robot in a snapshot.
+
+        `child`: name of the robot's frame.
+        """
         assert snapshot.start is not None
         x, y, yaw = snapshot.start
         shift = self.new("geometry_msgs/msg/Vector3", x=x, y=y, z=0.0)
@@ -124,7 +129,10 @@ class BagWriter:
 
 
 def _latched_profile() -> Any:
-    """Return the quality of service of topics for subscribers that come later: reliable, transient local, depth 1."""
+    """Return the quality of service of a latched topic: reliable, transient local, depth 1.
+
+    A late subscriber of such a topic also gets the last message.
+    """
     from rosbags.interfaces import (
         Qos,
         QosDurability,
@@ -144,9 +152,9 @@ def _latched_profile() -> Any:
 def _output_storage(file: str | os.PathLike[str], source: Storage | None = None) -> tuple[Storage, bool]:
     """Return the kind of a new recording, and whether it is a folder.
 
-    `file`: name of the recording; `source`: kind of the recording from which it is made, None without one.  A name that
-    ends in ``.bag`` is a file of ROS 1; ``.mcap`` and ``.db3`` are single files of ROS 2; other names are folders of
-    ROS 2 with the storage of the source, or sqlite3.
+    `file`: name of the recording. ``.bag`` is a file of ROS 1, ``.mcap`` and ``.db3`` are single files of ROS 2, other
+    names are folders of ROS 2; these have the kind of `source`, the recording from which the new one is made, or else
+    sqlite3.
     """
     suffix = Path(file).suffix
     if suffix in STORAGES:
@@ -155,10 +163,10 @@ def _output_storage(file: str | os.PathLike[str], source: Storage | None = None)
 
 
 def check_bag_output(file: str | os.PathLike[str], source: Storage | None = None) -> Path:
-    """Return the target of a new recording; raise InputError if it cannot be written or would replace other data.
+    """Return the path of a new recording; raise InputError if it cannot be written or would replace other data.
 
-    An existing recording of the same kind, a file or a folder with a ``metadata.yaml``, is replaced.  `source`: kind of
-    the recording from which it is made; only one of ROS 1 gives a ``.bag`` file.
+    An existing recording of the same form, a file or a folder with a ``metadata.yaml``, may be replaced. `source`: kind
+    of the recording from which the new one is made, None without one; from ROS 2, no ``.bag`` file can be made.
     """
     if os.fspath(file) == "-":
         raise InputError("-o -: a recording cannot be written to standard output; name a file or a folder")
@@ -181,9 +189,9 @@ def check_bag_output(file: str | os.PathLike[str], source: Storage | None = None
 
 @contextmanager
 def whole_bag(file: str | os.PathLike[str], source: Storage | None = None) -> Iterator[BagWriter]:
-    """Yield the writer of a recording that replaces `file` if the block succeeds, and is removed otherwise.
+    """Yield the writer of a new recording, which replaces `file` if the block succeeds; otherwise nothing is changed.
 
-    `source`: kind of the recording from which it is made, see `_output_storage`.
+    `source`: kind of the recording from which the new one is made, which a folder inherits; None for sqlite3.
     """
     target = check_bag_output(file, source).resolve()
     require_rosbags()
@@ -204,7 +212,10 @@ def whole_bag(file: str | os.PathLike[str], source: Storage | None = None) -> It
 
 
 def _exchange(new: Path, target: Path, old: Path) -> None:
-    """Move a file or folder to `target`, after an existing folder was moved to `old`, which comes back on failure."""
+    """Move the file or folder `new` to `target`.
+
+    An existing folder `target` is first moved to `old`, and back if the move of `new` fails.
+    """
     if target.is_dir():
         target.rename(old)
     try:
@@ -216,7 +227,7 @@ def _exchange(new: Path, target: Path, old: Path) -> None:
 
 
 def _open(path: Path, storage: Storage) -> Any:
-    """Return the writer of rosbags for a new file or folder."""
+    """Return the rosbags writer of a new file or folder; `storage`: kind of recording."""
     from rosbags.rosbag1 import Writer as Writer1
     from rosbags.rosbag2 import StoragePlugin, Writer as Writer2
 
@@ -227,12 +238,12 @@ def _open(path: Path, storage: Storage) -> Any:
 
 
 def write_bag(snapshots: Iterable[MapSnapshot], file: str | os.PathLike[str], *, map_topic: str = "/map") -> Path:
-    """Write maps as a recording, with the package rosbags; the recording is complete or not there.
+    """Write maps as a recording, with the package rosbags; after an error, no new recording exists.
 
     Parameters
     ----------
     snapshots : iterable of MapSnapshot
-        Maps with the places of the robot; places are written as transforms from the frame of the map to ``base_link``.
+        Maps; a pose of the robot is written as the transform from the frame of the map to ``base_link``.
     file : path-like
         ``.bag``: a file of ROS 1; ``.mcap`` or ``.db3``: a file of ROS 2; otherwise a folder of ROS 2.  An existing
         recording is replaced.

@@ -17,14 +17,14 @@ from resgrid.planning.legs import LegPath
 from resgrid.planning.streamline import Outcome
 
 _COLUMNS = ("path", "outcome", "leg", "kind", "certified")
-"""Columns of a table in addition to those of `path_columns`."""
+"""Names of the columns of a table of paths of several legs, in addition to those of `path_columns`."""
 
 
 def write_leg_path(path: LegPath, file: str | os.PathLike[str], *, heading: float | None = None) -> Path:
     """Write a path of several legs in the format that the file's suffix selects, and return the file.
 
     `file`: ``.csv``, ``.json``, ``.npz``, or ``.yaml`` for a ``nav_msgs/Path`` message; `heading`: heading of the last
-    pose in radians, for a robot without a heading of its own.
+    pose in the message in radians, for a robot without a heading of its own; None for the direction of motion.
     """
     return write_leg_paths([path], file, headings=[heading])
 
@@ -32,7 +32,12 @@ def write_leg_path(path: LegPath, file: str | os.PathLike[str], *, heading: floa
 def write_leg_paths(
     paths: Sequence[LegPath], file: str | os.PathLike[str], *, headings: Sequence[float | None] | None = None
 ) -> Path:
-    """Write several paths to one file; `headings`: heading of each last pose.  Otherwise as `write_leg_path`."""
+    """Write several paths of several legs to one file, and return the file.
+
+    `file`: ``.csv``, ``.json``, ``.npz``, or ``.yaml`` for one ``nav_msgs/Path`` message per path; `headings`: heading
+    of the last pose of each message in radians, for a robot without a heading of its own; None for the direction of
+    motion.
+    """
     wanted = [None] * len(paths) if headings is None else list(headings)
     views: Views = {
         "table": lambda: _table(paths),
@@ -44,7 +49,7 @@ def write_leg_paths(
 
 
 def leg_record(path: LegPath) -> dict[str, Any]:
-    """Return outcome, measures, legs and points of a path as a dictionary for a JSON file."""
+    """Return outcome, lengths, legs and points of a path of several legs as a dictionary for JSON."""
     record: dict[str, Any] = {
         "outcome": str(path.outcome),
         "start": list(path.start),
@@ -100,9 +105,10 @@ def _arrays(paths: Sequence[LegPath]) -> dict[str, Any]:
 
 
 def _messages(paths: Sequence[LegPath], headings: Sequence[float | None]) -> str:
-    """Return YAML text with one message per path that reaches a goal or ends at the nearest reachable place.
+    """Return YAML text with one ``nav_msgs/Path`` per path that reaches a goal or ends at the nearest reachable place.
 
-    A comment before each message has the outcome and the legs that are not certified.
+    A comment before each message contains the outcome and the legs that are not certified. `headings`: heading of each
+    last pose in radians, None for the direction of motion.
     """
     texts = []
     for path, heading in zip(paths, headings, strict=True):

@@ -19,7 +19,7 @@ from resgrid.spice.networks.graph_files import graphml, netlist_arrays, node_lin
 
 _VIEWS = {"edges": edges_text, "graph": graphml, "record": node_link, "arrays": netlist_arrays}
 NETWORK_SUFFIXES = tuple(suffix for suffix, form in FORMATS.items() if form.view in _VIEWS)
-"""Suffixes of the file formats for netlists other than SPICE decks."""
+"""Suffixes of the file formats for netlists, SPICE decks excepted."""
 
 
 def write_network(netlist: Netlist, file: str | os.PathLike[str]) -> Path:
@@ -53,11 +53,11 @@ def write_network(netlist: Netlist, file: str | os.PathLike[str]) -> Path:
 
 
 def left_out(netlist: Netlist, file: str | os.PathLike[str]) -> dict[str, int]:
-    """Return the numbers of elements that a file of this name cannot represent, by kind of element.
+    """Return the numbers of elements of a netlist that a file of this name cannot represent, by kind of element.
 
-    Kinds without such elements are omitted.  Only an edge list (``.txt``) leaves out elements, because it contains
-    resistors only.  A resistor with a temperature coefficient other than 0 counts as one element of the kind
-    "temperature coefficient".
+    Only an edge list (``.txt``) leaves out elements, because it contains resistors only. A resistor with a temperature
+    coefficient other than 0 counts as one element of the kind "temperature coefficient". Kinds that lose no element are
+    omitted.
     """
     if FORMATS[Path(file).suffix.lower()].view != "edges":
         return {}

@@ -89,7 +89,7 @@ def path_columns(path: Timed) -> dict[str, NDArray[np.float64]]:
 
     The columns are: ``t`` (time in seconds) for a trajectory; one per axis, with the name of the axis: world
     coordinates, continuous across the seams of periodic axes; for an arm ``tip_x`` and ``tip_y``, the position of the
-    tip in metres; for a trajectory also the velocity along each axis per second, such as ``x_rate``.
+    tip in metres; for a trajectory also the velocity along each axis in axis units per second, such as ``x_rate``.
     """
     space, points = path.space, points_of(path)
     names = column_names(space, timed=isinstance(path, Trajectory))
@@ -135,7 +135,7 @@ class Route:
     is_tested : bool
         Whether the path was tested for collisions of the exact solids of a robot in space.
     collision : Collision or None
-        First collision of this test.
+        First collision that this test found; None without a collision or a test.
     """
 
     path: Timed
@@ -202,8 +202,8 @@ class Route:
         """Columns of the path by name, arrays (n,) with one entry per point.
 
         The columns are: ``t`` (time in seconds) for a trajectory; one per axis, with the name of the axis, in
-        continuous world coordinates; for an arm ``tip_x`` and ``tip_y``, in metres; for a trajectory also one velocity
-        per axis and second, such as ``x_rate``.
+        continuous world coordinates; for an arm ``tip_x`` and ``tip_y``, in metres; for a trajectory also the velocity
+        along each axis in axis units per second, such as ``x_rate``.
         """
         return path_columns(self.path)
 
@@ -239,13 +239,19 @@ def write_routes(routes: Sequence[Route], target: str | os.PathLike[str], *, fix
 
 
 def _require_joints_file(suffix: str, space: ConfigurationSpace, option: str) -> None:
-    """Raise InputError unless a file of a suffix holds joints of a robot; `option`: option that needs such a file."""
+    """Raise InputError unless paths of a robot from a URDF file are written to a file for ROS (``.yaml``).
+
+    `suffix`: suffix of the file; `space`: space of the paths; `option`: option that needs such a file.
+    """
     if suffix != ".yaml" or not has_joints(space):
         raise InputError(f"{option} applies to .yaml files of robots from URDF files only; leave it out")
 
 
 def check_fixed_joints(target: str | None, space: ConfigurationSpace) -> None:
-    """Raise InputError unless the routes of a space, written to a file named `target`, can have fixed joints."""
+    """Raise InputError unless routes of a space are written as messages that can contain fixed joints.
+
+    `target`: name of the file, None for none; only a ``.yaml`` file of a robot from a URDF file has such messages.
+    """
     _require_joints_file("" if target is None else suffix_of(target, _VIEWS, "paths"), space, "--fixed-joints")
 
 
@@ -310,7 +316,7 @@ def route_record(route: Route, *, points: bool = True) -> dict[str, Any]:
 
 
 def _workspace_record(route: Route) -> dict[str, Any]:
-    """Return clearance in metres and collision of a route as a dictionary for JSON; empty if they are unknown."""
+    """Return the clearance of an arm in metres, and the first collision, as a dictionary for JSON; empty if unknown."""
     record: dict[str, Any] = {}
     if route.workspace_clearance is not None:
         record["workspace_clearance"] = route.workspace_clearance

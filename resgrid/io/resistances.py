@@ -64,7 +64,7 @@ def resistance_record(value: EffectiveResistance, names: list[str]) -> dict[str,
     """Return effective resistances as a dictionary for JSON.
 
     Keys: ``pairs`` (a list of dictionaries with ``first``, ``second``, ``resistance`` in ohms and ``connected``),
-    ``relative_error`` (bound; None without a proof) and ``solver``.  `names`: names of the terminals.
+    ``relative_error`` (bound; infinite if the solver gives none) and ``solver``.  `names`: names of the terminals.
     """
     pairs = [
         {"first": names[first], "second": names[second], "resistance": ohms, "connected": bool(np.isfinite(ohms))}
@@ -74,7 +74,10 @@ def resistance_record(value: EffectiveResistance, names: list[str]) -> dict[str,
 
 
 def _views(value: EffectiveResistance, names: list[str]) -> Views:
-    """Return the functions that make the contents of a file; `names`: names of the terminals."""
+    """Return functions that make the contents of a file: ``table`` for CSV, ``record`` for JSON, ``arrays`` for NPZ.
+
+    `names`: names of the terminals.
+    """
     return {
         "table": lambda: {
             "first": [names[number] for number in value.pairs[:, 0]],

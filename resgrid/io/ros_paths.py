@@ -143,7 +143,8 @@ def require_plane(space: ConfigurationSpace) -> None:
 def has_poses(space: ConfigurationSpace) -> bool:
     """Return whether the configurations of a space are poses in the plane, with or without a heading.
 
-    They are if the robot has a heading, or if it moves in the workspace and the space has two axes with the same unit.
+    This holds if the robot has a heading, or if its configurations are positions and the space has two axes with the
+    same unit.
     """
     robot = space.robot or PointRobot()
     is_flat = space.ndim == 2 and space.axes[0].unit == space.axes[1].unit and robot.moves_in_workspace
@@ -165,13 +166,13 @@ def headings(place: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def ros_time(nanoseconds: int) -> dict[str, int]:
-    """Return the attributes of a ``builtin_interfaces`` Time or Duration message."""
+    """Return the fields of a ``builtin_interfaces`` Time or Duration message, by name; `nanoseconds`: the time."""
     seconds, rest = divmod(nanoseconds, 10**9)
     return {"sec": seconds, "nanosec": rest}
 
 
 def ros_quaternion(yaw: float) -> dict[str, float]:
-    """Return the attributes of the ``geometry_msgs/Quaternion`` message of a heading in radians."""
+    """Return the fields of a ``geometry_msgs/Quaternion`` message, by name; `yaw`: heading in radians."""
     return {"x": 0.0, "y": 0.0, "z": sin(yaw / 2), "w": cos(yaw / 2)}
 
 

@@ -18,8 +18,8 @@ from resgrid.planning.time_parameterization import Trajectory
 def message_of(path: Timed, *, heading: float | None = None, fixed_joints: bool = False) -> str:
     """Return a path as the text of a message for ROS: a JointTrajectory for robots with named joints, else a Path.
 
-    `heading`: heading of the last pose of a Path, in radians, as in `to_ros_path`; `fixed_joints`: whether a
-    JointTrajectory also has the joints that do not move.
+    `heading`: heading of the last pose of a Path in radians, None for the direction of motion; `fixed_joints`: whether
+    a JointTrajectory also has the joints that do not move.
     """
     if has_joints(path.space):
         return to_ros_trajectory(path, fixed_joints=fixed_joints)
@@ -108,12 +108,15 @@ def to_ros_trajectory(path: Timed, *, frame_id: str = "", fixed_joints: bool = F
 
 
 def has_joints(space: ConfigurationSpace) -> bool:
-    """Return whether the robot of a space has named joints, which a motion controller knows."""
+    """Return whether the robot of a space has named joints, as a robot from a URDF file."""
     return space.robot is not None and bool(space.robot.joint_names)
 
 
 def require_joints(space: ConfigurationSpace, *, timed: bool) -> None:
-    """Raise InputError unless the robot of a space has named joints; `timed`: whether the path has times."""
+    """Raise InputError unless a path can be a JointTrajectory: its robot has named joints, and it has times.
+
+    `space`: space of the path; `timed`: whether the path has times.
+    """
     if not has_joints(space):
         kind = "a point" if space.robot is None else with_article(type(space.robot).__name__)
         raise InputError(f"a JointTrajectory holds the joints of a robot from a URDF file, not {kind}; write .csv")
@@ -130,9 +133,10 @@ def _is_smooth(motion: Trajectory) -> bool:
 
 
 def _distinct_times(times: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return ascending times in nanoseconds (m,), and the indices (m,) of their knots; `times` (n,): in seconds.
+    """Return ascending times in nanoseconds (m,), and the indices (m,) of the knots at these times.
 
-    Of knots within one nanosecond the last one is kept, because controllers require increasing times.
+    `times` (n,): times of the knots in seconds. Of knots with the same time in nanoseconds the last one is kept,
+    because controllers require increasing times.
     """
     rounded = np.round(times * 10**9).astype(np.int64)
     rows = np.flatnonzero(np.append(np.diff(rounded) > 0, True))

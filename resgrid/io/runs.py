@@ -15,11 +15,14 @@ from resgrid.core.axis import Axis
 from resgrid.io.tables import Views, require_names, suffix_of, write
 
 _STEP = {"": "configuration", "_believed": "believed", "_rate": "velocity", "_torque": "torque", "_push": "push"}
-"""Attributes of `Run` with one column per axis, by the ending that is added to the name of the axis in a column name.
-"""
+"""Attributes of `Run` that have one column per axis, by the ending of the column's name after the name of the axis."""
 
 _CONTACT = ("contact_x", "contact_y", "force_x", "force_y", "part", "body", "sticking")
-"""Names of the columns for the contact with the largest force in a time step."""
+"""Names of the columns of the contact with the largest force in a time step.
+
+`part`: index of the robot's part that touches; `body`: index of the touched obstacle; `sticking`: 1 if friction holds
+the contact, else 0.
+"""
 
 
 def write_run(run: Run | Sequence[Run], file: str | os.PathLike[str]) -> Path:

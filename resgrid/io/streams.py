@@ -23,7 +23,7 @@ from resgrid.scene.recordings.storage import PATH, check_topic_name
 _VIEWS = ("table", "record", "arrays")
 
 NOT_PLANNED = "not_planned"
-"""Outcome in tables of a frame without a plan, because the map, the start or the goal is missing."""
+"""Value of the column ``outcome`` for a frame in which the map, the start or the goal is missing."""
 
 
 @frozen
@@ -35,10 +35,11 @@ class StreamReport:
     ----------
     table : dict of list
         One column per name, with one entry per frame: ``frame`` (index), ``stamp`` and ``received`` (nanoseconds),
-        ``kind`` (map, update, goal), ``changed`` (number of cells whose code changed in the planning space), ``method``
-        (fresh, elimination, unchanged; none if nothing was solved), ``outcome`` (``not_planned`` if map, start or goal
-        are missing), ``certified``, ``length`` and ``clearance`` in metres (NaN without a path), ``x``, ``y`` (start),
-        ``milliseconds`` (processor time from the occupancies to the certified path), ``reason``, ``note``.
+        ``kind`` (map, update, goal), ``changed`` (number of cells of the configuration space whose code changed),
+        ``method`` of the solution (fresh, elimination, unchanged; none if nothing was solved), ``outcome``
+        (``not_planned`` if map, start or goal are missing), ``certified``, ``length`` and ``clearance`` in metres (NaN
+        without a path), ``x``, ``y`` (start), ``milliseconds`` (processor time from the occupancies to the certified
+        path), ``reason``, ``note``.
     last : StreamedPath or None
         Result for the last frame; None for no frame.
     frames : int
@@ -79,19 +80,25 @@ class StreamReport:
 
     @cached_property
     def _times(self) -> list[float]:
-        """Processor times of the solved frames in milliseconds, without the first one unless it is the only one."""
+        """Processor time of each frame whose space was solved, in milliseconds.
+
+        The first such frame is left out unless it is the only one, because it cannot reuse earlier work.
+        """
         pairs = zip(self.table["method"], self.table["milliseconds"], strict=True)
         times = [milliseconds for method, milliseconds in pairs if method != "none"]
         return times[1:] or times
 
     @property
     def median(self) -> float:
-        """Median of the processor time per solved frame in milliseconds."""
+        """Median of the processor time per solved frame, without the first, in milliseconds; NaN if none was solved."""
         return float(np.median(self._times)) if self._times else float("nan")
 
     @property
     def percentile_95(self) -> float:
-        """95th percentile of the processor time per solved frame in milliseconds."""
+        """95th percentile of the processor time per solved frame, without the first, in milliseconds.
+
+        It is NaN if no frame was solved. A single solved frame is not left out.
+        """
         return float(np.percentile(self._times, 95)) if self._times else float("nan")
 
     def summary(self) -> dict[str, Any]:
@@ -137,7 +144,7 @@ class StreamReport:
 
 
 def check_latency_file(file: str) -> None:
-    """Raise InputError unless the suffix of a file is that of a table of latencies."""
+    """Raise InputError unless the suffix of a file is ``.csv``, ``.json`` or ``.npz``."""
     suffix_of(file, _VIEWS, "a table of latencies")
 
 
@@ -161,9 +168,9 @@ def stream_bag(
     planner : StreamPlanner
         Planner with the options of the scene.
     file : path-like, optional
-        New recording, which is complete or not there; an existing recording is replaced.  A name that ends in ``.bag``
-        is a file of ROS 1, and needs an input of ROS 1; ``.mcap`` and ``.db3`` are files of ROS 2; other names are
-        folders of ROS 2.
+        New recording, which replaces an existing one at the end; after an error, nothing is changed.  By default no
+        recording is written.  A name that ends in ``.bag`` is a file of ROS 1, and needs an input of ROS 1; ``.mcap``
+        and ``.db3`` are files of ROS 2; other names are folders of ROS 2.
     topic : str
         Topic of the paths, a name that ROS allows.
     progress : callable, optional
@@ -206,14 +213,17 @@ def stream_bag(
 
 
 def _require_other(recording: Recording, target: Path) -> None:
-    """Raise InputError if a new recording would replace the one from which it is made."""
+    """Raise InputError if the new recording `target` would replace `recording`, from which it is made."""
     if target.exists() and (target.samefile(recording.file) or target.samefile(recording.file.absolute().parent)):
         raise InputError(f"cannot write {target}: this is the input; name another recording")
 
 
 @contextmanager
 def _paths_bag(file: str | os.PathLike[str], recording: Recording, topic: str) -> Iterator[BagWriter]:
-    """Yield the writer of a new recording with a topic of paths; the recording is complete or not there."""
+    """Yield the writer of a new recording, which has a topic of paths; after an error, no new recording exists.
+
+    `recording`: recording from which the paths are made; `topic`: name of the topic.
+    """
     with whole_bag(file, recording.storage) as bag:
         bag.add(topic, PATH)
         yield bag
@@ -223,11 +233,11 @@ _COLUMNS = (
     "frame", "stamp", "received", "kind", "changed", "method", "outcome", "certified", "length", "clearance", "x", "y",
     "milliseconds", "reason", "note",
 )  # fmt: skip
-"""Names of the columns of the table of latencies."""
+"""Names of the columns of the table in `StreamReport`."""
 
 
 def _row(number: int, result: StreamedPath) -> tuple[Any, ...]:
-    """Return the entries of the table for one frame; `number`: its index."""
+    """Return the entries of the table for one frame, in the order of `_COLUMNS`; `number`: index of the frame."""
     snapshot, nan, report = result.snapshot, float("nan"), result.replanning
     method = "none" if not result.solved else "fresh" if report is None else report.method
     changed = 0

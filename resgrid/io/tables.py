@@ -1,6 +1,6 @@
 """Encoders of file formats: each format encodes one view of a value.
 
-A view is a representation of the value: a table, a record (nested dictionary), named arrays, or a message as text.
+A view is a representation of a value: a table, a record (nested dictionary), named arrays, or a message as text.
 """
 
 from __future__ import annotations

@@ -159,7 +159,7 @@ class Drawing:
         return own.axes == self.axes and np.array_equal(own.cell, self.cell) and np.array_equal(own.level, self.level)
 
     def scene(self) -> Scene:
-        """Return the validated scene of the drawing's document."""
+        """Return the validated scene that `document` describes."""
         from pathlib import Path
 
         from resgrid.scene.reading import build_scene

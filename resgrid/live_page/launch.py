@@ -25,10 +25,10 @@ if TYPE_CHECKING:
 _MISSING = "the live page needs starlette, uvicorn and websockets; type: {command}"
 _NO_WIDGETS = "in a notebook the page is a widget, which needs anywidget; type: {command}, or pass widget=False"
 _START_SECONDS = 20.0
-"""Longest wait for the start of the server, in seconds; after that, the page is returned all the same."""
+"""Longest wait for the start of the server, in seconds; after that, the page is returned without an answer."""
 
 _STOP_SECONDS = 30.0
-"""Longest wait for the end of the server, in seconds; after that, its socket is closed all the same."""
+"""Longest wait for the end of the server, in seconds; after that, its socket is closed while requests may still run."""
 
 _WORKERS = 8
 """Number of requests that are answered in parallel; further requests wait."""

@@ -22,7 +22,7 @@ from resgrid.live_page.drawing import Drawing, check_size
 from resgrid.scene.table_models import TableModel
 
 LARGEST = 8 << 20
-"""Largest size of a message from the page, in bytes; the server closes the connection after a larger one."""
+"""Largest size of a message from the page, in bytes; a larger message closes the connection."""
 
 _PAGE_WORDS = {
     "use --drive uniform": "choose the uniform drive",

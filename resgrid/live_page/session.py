@@ -145,7 +145,7 @@ class Session:
         self._has_left = True
 
     def _is_wanted(self, drawing: Drawing) -> bool:
-        """Return whether the browser is connected, and the circuit of a transient is still that on the page.
+        """Return whether a transient is still needed: the browser is connected, and the page still shows its circuit.
 
         `drawing`: drawing of the transient.
         """

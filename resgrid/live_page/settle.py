@@ -29,7 +29,9 @@ _FARADS = 1e-12
 """Capacitance of every node, in farads, if the drawing's chip states none."""
 
 _FIRST = 0.25
-"""First time of a transient divided by `_RATIO`, in units of the time constant R C of one resistor and one capacitor.
+"""First time of a transient divided by `_RATIO`, as a multiple of the time constant R C.
+
+R and C are one resistor and one capacitor of the grid.
 """
 
 _RATIO = 1.4

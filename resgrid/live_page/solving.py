@@ -31,11 +31,14 @@ if TYPE_CHECKING:
     from resgrid.chip.effects import Effect
 
 _TOLERANCE = 1e-6
-"""Largest normwise relative backward error of the voltages of previews."""
+"""Largest normwise relative backward error of the voltages of a preview (quick solution during a mouse gesture)."""
 
 
 class WarmFields:
-    """Solver of previews of ideal circuits; the iterations start from the fields of the previous call."""
+    """Solver of previews of chips without imperfections.
+
+    Its iterations start from the fields of the previous call.
+    """
 
     def __init__(self) -> None:
         self._starts: dict[str, WarmStart] = {}
@@ -63,7 +66,7 @@ class SolvedDrawing:
 
     `drawing`: the drawing; `solution`: its circuits and fields; `paths`: one per start, None where the field of a
     preview is too inaccurate for a path; `exact`: whether the field is direction-safe and the paths are certified
-    (False for a preview); `seconds`: computing time.
+    (False for a preview); `seconds`: computing time in seconds.
     """
 
     drawing: Drawing

@@ -35,7 +35,7 @@ from resgrid.scene.scene import check_attributes
 from resgrid.scene.tolerances import goal_heading
 
 _FIXED = ("axes", "map", "frame", "source", "hidden", "control")
-"""Attributes of a scene that come from the snapshots, or have no effect on paths."""
+"""Attributes of a scene that options cannot change: the snapshots give them, or they have no effect on paths."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,11 +55,12 @@ class StreamedPath:
     certified : bool
         Whether the path has passed `certify`.
     replanning : Replanning or None
-        Method of the update; None for the first plan, and where nothing was solved.
+        How the field was updated from that of the previous snapshot; None for the first plan, and if nothing was
+        solved.
     seconds : float
         Processor time from the occupancies to the certified path, in seconds.
     planner : Planner or None
-        Solved space of this snapshot, or, if nothing was solved, of the last one before.
+        Solved space of this snapshot; if nothing was solved, that of the last solved snapshot, or None without one.
     scene : Scene or None
         Scene of the snapshot, with its map and the goals of the options; None before the first usable map.
     start : tuple of float or None
@@ -137,8 +138,8 @@ class StreamedPath:
 class StreamPlanner:
     """Planner for a stream of maps, from a recording or from a running robot.
 
-    Each snapshot is planned with the work of the one before (`Planner.update`); its path equals that of a plan without
-    earlier snapshots.  Outcomes without a path, such as a blocked goal, are results and not errors.
+    For each snapshot, the solved space of the snapshot before is updated (`Planner.update`); the path equals that of a
+    plan without earlier snapshots.  Outcomes without a path, such as a blocked goal, are results and not errors.
 
     Parameters
     ----------
@@ -260,7 +261,10 @@ class StreamPlanner:
         return replace(self._planned(base), seconds=process_time() - begin)
 
     def _planned(self, base: StreamedPath) -> StreamedPath:
-        """Return the path for a snapshot; `base`: its snapshot, with planner, scene and frame of earlier snapshots."""
+        """Return the path for the snapshot of `base`.
+
+        `base`: result without a path for this snapshot, with planner, scene and coordinate frame of earlier snapshots.
+        """
         snapshot = base.snapshot
         if not snapshot.has_map:
             return replace(base, reason=snapshot.note or "the map has no cells")
@@ -284,7 +288,11 @@ class StreamPlanner:
         return _followed(base, space, start)
 
     def _scene(self, snapshot: MapSnapshot, last: Scene | None) -> Scene:
-        """Return the scene of a snapshot; `last`: scene of an earlier snapshot, which is reused for equal axes."""
+        """Return the scene of a snapshot.
+
+        `last`: scene of an earlier snapshot, None without one; if its map has the same axes and frame, only the map is
+        replaced.
+        """
         if last is not None and last.map is not None:
             cells = cells_of_snapshot(snapshot, last.map.table, last.robot.extent)
             if cells.axes == last.map.axes and cells.frame == last.map.frame:
@@ -304,7 +312,7 @@ class StreamPlanner:
 
 
 def _require_fit(scene: Scene) -> None:
-    """Raise InputError unless a scene is that of a robot that moves in the plane, with at most one start."""
+    """Raise InputError unless the robot of a scene moves in the plane, and the scene has at most one start."""
     require_uniform(scene, "a stream of maps")
     if scene.robot.base is not None or scene.robot.workspace_ndim != 2:
         raise InputError(f"{scene.source}: maps of recordings are for robots that move in the plane, not for arms")
@@ -313,20 +321,26 @@ def _require_fit(scene: Scene) -> None:
 
 
 def _configuration(scene: Scene, pose: Pose) -> Point:
-    """Return a pose as a configuration of the scene's robot; that of a robot that turns has three coordinates."""
+    """Return the configuration of the scene's robot at a pose: x, y, and for a robot that turns a third coordinate.
+
+    The third coordinate is the heading in radians times the turning length of the robot.
+    """
     turning = scene.robot.turning_length
     return pose[:2] if turning is None else (*pose[:2], pose[2] * turning)
 
 
 def _start(scene: Scene, pose: Pose | None) -> Point | None:
-    """Return the start of the scene, or the configuration of a pose of the robot; None if both are missing."""
+    """Return the start of the scene, or else the configuration of the robot at the pose `pose`; None without both."""
     if scene.starts:
         return scene.starts[0]
     return None if pose is None else _configuration(scene, pose)
 
 
 def _goals(scene: Scene, pose: Pose | None, tolerance: float) -> tuple[GoalPoint, ...]:
-    """Return the goal at a pose as a tuple of goals; empty without a pose.  `tolerance`: in metres."""
+    """Return the goal at a pose as a tuple of one goal; an empty tuple without a pose.
+
+    `tolerance`: largest accepted distance from the goal, in metres.
+    """
     if pose is None:
         return ()
     heading = pose[2] if scene.robot.turning_length is None else None
@@ -334,7 +348,11 @@ def _goals(scene: Scene, pose: Pose | None, tolerance: float) -> tuple[GoalPoint
 
 
 def _space(scene: Scene, start: Point) -> tuple[ConfigurationSpace, Outcome | None, str | None]:
-    """Return the space of a scene, and the outcome with its reason if the start or all goals are blocked."""
+    """Return the configuration space, and the outcome and reason if the start or all goals are blocked, else None.
+
+    `start`: start in world coordinates. The space contains the goals only if nothing is blocked. The outcome is
+    ``START_BLOCKED`` or ``GOAL_BLOCKED``.
+    """
     free = build_space(replace(scene, goals=()), require_goal=False)
     blocked = free.cell == Cell.OBSTACLE
     try:
@@ -350,7 +368,11 @@ def _space(scene: Scene, start: Point) -> tuple[ConfigurationSpace, Outcome | No
 
 
 def _followed(base: StreamedPath, space: ConfigurationSpace, start: Point) -> StreamedPath:
-    """Return the certified path in a space with goals; `base`: result without a path, with the planner before."""
+    """Return a copy of `base` that contains the path from a start, its outcome, and whether it is certified.
+
+    `base`: result without a path, with the planner of an earlier snapshot or None; `space`: space with goals; `start`:
+    start in world coordinates.
+    """
     scene = base.scene
     assert scene is not None
     try:

@@ -49,9 +49,9 @@ SUFFIXES = (".gif", ".mp4")
 MOST_FRAMES = 600
 """Largest number of frames of an animation; more frames raise InputError."""
 _COLOURS = 255
-"""Largest number of colours of a GIF's palette."""
+"""Largest number of colours in the palette of a GIF."""
 _HELD = 12
-"""Number of additional frames that repeat the last row of a run at the end of an animation."""
+"""Number of additional frames that repeat the last picture at the end of an animation."""
 
 _PANEL = 3.6
 """Width of a panel of an animation, in inches."""
@@ -124,7 +124,11 @@ def animate(
 
 
 def _frames(value: Run | Wavefront | Trajectory, count: int, run: Run | None, scene: Scene | None) -> Iterator[Figure]:
-    """Return an iterator over the frames of a value; the other parameters are those of `animate`."""
+    """Return an iterator over the figures of the frames of a value, without the file.
+
+    `count`: number of frames; `run`: robot that is marked on a wavefront, None for no robot; `scene`: scene of a
+    trajectory.
+    """
     if isinstance(value, Wavefront):
         return _wavefront_frames(value, run)
     if not 2 <= count <= MOST_FRAMES - _HELD:

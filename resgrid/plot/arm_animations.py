@@ -22,13 +22,13 @@ _SIDE = 900
 """Number of pixels along the longer side of a frame's image before it is reduced to half this size."""
 
 _ENVELOPE = 24
-"""Number of poses along the trajectory that the frames must contain."""
+"""Approximate number of poses along the trajectory that the limits of the picture must contain."""
 
 _DENSE = 400
-"""Number of positions of the tool along the trajectory."""
+"""Number of evenly spaced times at which the path of the tool is computed."""
 
 _GHOST = 0.25
-"""Opacity of the robot at the start and at the end."""
+"""Opacity, from 0 (transparent) to 1, of the robot at the start and at the end, which every frame shows."""
 
 
 def arm_frames(trajectory: Trajectory, scene: Scene, count: int, held: int) -> Iterator[Figure]:

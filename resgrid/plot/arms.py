@@ -27,10 +27,10 @@ from resgrid.scene.goal_shapes import goal_shapes
 from resgrid.scene.scene import Scene
 
 SOLID, START, BETWEEN, END, LEARNT = "#b4b4b4", "#4a4a4a", "#7fb2d6", "#0072B2", HIDDEN
-"""Colours of obstacles, of the robot at the start, along the path and at the end, and of hidden obstacles."""
+"""Colours of obstacles; of the robot at the start, between start and end, and at the end; and of hidden obstacles."""
 
 _PALE = "#cfe1ef"
-"""Colour of the robot along the path in the legend."""
+"""Colour of the robot between start and end in the legend."""
 
 _GROUND = "#ececec"
 """Colour of a floor that is an obstacle."""
@@ -39,21 +39,24 @@ _SIDE = 1500
 """Number of pixels along the longer side of a picture before it is reduced to half this size."""
 
 _BEYOND = 1.15
-"""Radius around the base within which obstacles are shown, as a multiple of the robot's reach."""
+"""Half the side of the cube around the base in which obstacles are shown, as a multiple of the robot's reach."""
 
 _HIDDEN_DEPTH = 0.02
 """Depth in metres below a surface from which a line is drawn as hidden."""
 
 
 _NOWHERE = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-"""An empty box, in which half-spaces have no surface."""
+"""Lower and upper corner of an empty box, in which half-spaces have no surface."""
 
 _BEHIND = 0.002
-"""Distance in metres by which every further pose of the robot is drawn behind the one before."""
+"""Distance in metres by which each pose of the robot is moved back behind the previous pose along the path.
+
+Links at the same place in several poses are then drawn in one colour.
+"""
 
 
 def is_in_space(scene: Scene) -> bool:
-    """Return whether the robot of a scene is an arm with bodies in space."""
+    """Return whether the robot of a scene is an arm with bodies in space (a robot from a URDF file)."""
     return isinstance(scene.robot, URDFRobot)
 
 
@@ -66,9 +69,10 @@ def arm_of(scene: Scene) -> URDFRobot:
 
 @dataclass(frozen=True)
 class _Group:
-    """Triangles that have one colour.
+    """Triangles that are drawn in one colour.
 
-    `triangles` (n, 3, 3): corners in the world; `owner` (n,): number of the body of each triangle.
+    `triangles` (n, 3, 3): corners in the world, in metres; `owner` (n,): number of the body to which each triangle
+    belongs.
     """
 
     triangles: NDArray[np.float64]
@@ -116,39 +120,42 @@ class ArmPicture(SpaceView):
 
     @property
     def floor(self) -> float:
-        """Height of the floor in metres: of the highest horizontal border of a half-space, or of the lowest point."""
+        """Coordinate z of the floor in metres: of the highest horizontal half-space, or of the lowest shown point."""
         return floor_height(self.scene.obstacles, float(self.lower[2]))
 
     @property
     def floor_corners(self) -> NDArray[np.float64]:
-        """Lower and upper corners of the floor's grid, shape (4, 3), in metres."""
+        """Corners of the floor's grid in metres, shape (4, 3), in the order (x0, y0), (x0, y1), (x1, y0), (x1, y1)."""
         (x0, y0), (x1, y1) = (
             np.floor(self.lower[:2] / self.step) * self.step, np.ceil(self.upper[:2] / self.step) * self.step
         )  # fmt: skip
         return np.array([(x, y, self.floor) for x, y in product((x0, x1), (y0, y1))])
 
     def moved(self, pose: NDArray[np.float64], behind: float = 0.0) -> _Group:
-        """Return the triangles of the robot in a configuration `pose`, shape (ndim,).
+        """Return the triangles of the robot in a configuration; `pose` (ndim,): configuration.
 
-        `behind`: distance in metres by which they are moved away from the camera, so that of equal links in several
-        poses one is in front.
+        `behind`: distance in metres by which the triangles are moved away from the camera, so that links at the same
+        place in several poses do not cover each other at random.
         """
         frames = self.arm.tree.frames(np.reshape(pose, (1, -1)))[0]
         group = _group(self._robot, frames)
         return group if not behind else replace(group, triangles=group.triangles + behind * self.camera.rotation[2])
 
     def fixed(self, shapes: Sequence[Shape]) -> _Group:
-        """Return the triangles of shapes that do not move."""
+        """Return the triangles of obstacles or goal regions."""
         (x0, y0, z), (x1, y1, _) = self.floor_corners[[0, 3]].tolist()
         box = ((x0, y0, z), (x1, y1, float(self.upper[2])))
         return _group(shape_surfaces(shapes, "shape", box), np.empty((0, 4, 4)))
 
     def layer(self, group: _Group, colour: str, opacity: float = 1.0) -> Layer:
-        """Return the image of triangles of one colour; `opacity`: 0 to 1."""
+        """Return the shaded image of triangles in one colour; `opacity`: from 0 (transparent) to 1."""
         return render(group.triangles, group.owner, colour, self.camera, self.window, opacity)
 
     def surroundings(self) -> list[Layer]:
-        """Return the images of obstacles, hidden obstacles and goal regions; a floor is drawn as part of its grid."""
+        """Return the images of obstacles, hidden obstacles and goal regions.
+
+        A floor is not included, because it is drawn with its grid.
+        """
         walls = [shape for shape in self.scene.obstacles if isinstance(shape, HalfSpace) and not is_floor(shape)]
         kinds: tuple[tuple[Sequence[Shape], str, float], ...] = (
             (self.solids, SOLID, 0.9), (self.scene.hidden, LEARNT, 0.9), (self.regions, GOAL, 0.6),
@@ -157,7 +164,7 @@ class ArmPicture(SpaceView):
         return [self.layer(self.fixed(shapes), colour, opacity) for shapes, colour, opacity in kinds if shapes]
 
     def prepare(self, axes: Axes) -> None:
-        """Set limits and aspect of matplotlib axes, and draw the floor, the directions and the legend entries."""
+        """Set limits and aspect of matplotlib axes, and draw the floor, arrows along x, y and z, and legend entries."""
         axes.set_axis_off()
         window = self.window
         axes.set(xlim=(window.left, window.right), ylim=(window.bottom, window.top), aspect="equal")
@@ -187,7 +194,7 @@ class ArmPicture(SpaceView):
         )
 
     def _draw_directions(self, axes: Axes) -> None:
-        """Draw arrows along x, y and z at the corner of the floor that is nearest to the camera's left."""
+        """Draw arrows along x, y and z at the corner of the floor that is leftmost in the picture."""
         corners = self.camera.seen(self.floor_corners)
         origin = self.floor_corners[corners[:, 0].argmin()]
         for direction, name in zip(np.eye(3), "xyz", strict=True):
@@ -205,9 +212,9 @@ class ArmPicture(SpaceView):
 
 
 def draw_arm_scene(scene: Scene, ax: Axes | None = None, *, camera: Camera | None = None) -> Axes:
-    """Draw an arm at the first start of a scene, obstacles and goals in space; return the axes.
+    """Draw the arm of a scene at its first start, with obstacles and goals, in space; return the axes.
 
-    Without a start, the arm is drawn in the middle of its axes.  `ax`: axes to draw on, by default those of a new
+    Without a start, the arm is drawn in the middle of its axes. `ax`: axes to draw on, by default those of a new
     figure; `camera`: direction of the view.
     """
     starts = np.reshape(scene.starts, (-1, scene.ndim))
@@ -278,7 +285,10 @@ def draw_tool_paths(paths: Sequence[AnyPath], scene: Scene, ax: Axes | None = No
 
 
 def _prepared(picture: ArmPicture, ax: Axes | None) -> Axes:
-    """Return axes with the parts of a picture that lie behind its image; `ax`: given axes, None for a new figure."""
+    """Return axes on which everything behind the image of a picture is drawn.
+
+    `ax`: given axes, None for a new figure.
+    """
     window = picture.window
     axes = axes_or_new(ax, (window.top - window.bottom) / (window.right - window.left))
     picture.prepare(axes)
@@ -287,7 +297,11 @@ def _prepared(picture: ArmPicture, ax: Axes | None) -> Axes:
 
 
 def _group(surfaces: Iterable[Surface], frames: NDArray[np.float64]) -> _Group:
-    """Return the triangles of surfaces in the world; `frames` (k, 4, 4): poses of the joints."""
+    """Return the triangles of surfaces in the world.
+
+    `surfaces`: surfaces of bodies, each with the number of the joint that moves it; `frames` (k, 4, 4): poses of the
+    joints in the world.
+    """
     triangles, owner = [np.empty((0, 3, 3))], [np.empty(0, dtype=np.int64)]
     for number, surface in enumerate(surfaces):
         pose = np.eye(4) if surface.joint < 0 else frames[surface.joint]

@@ -19,22 +19,25 @@ if TYPE_CHECKING:
 
 _PALE = "#e9e9e9"
 _MASK, _COPPER, _GOLD, _TIN = "#1f4d36", "#4f7a3f", "#d9b13b", "#c8c8c8"
-"""Colours of solder mask, covered copper, plated holes, and pads."""
+"""Colours of solder mask, copper under the mask, plated holes, and soldered pads."""
 
 
 def draw_board(board: Board, ax: Axes, side: Literal["plan", "front", "back"] = "plan") -> Axes:
-    """Draw the plan of a board, or one of its sides.
+    """Draw the plan of a board's cells, or the board from the front or the back; return the axes.
 
-    The plan of a board with jumpers has the letter of each solder bridge: ``O`` to the obstacle rail, ``G`` to the goal
-    rail.  The plan of a fixed board has the expected voltages.  Starts have a blue frame.
+    The plan of a board with jumpers shows the letter of each solder bridge: ``O`` to the obstacle rail, ``G`` to the
+    goal rail. The plan of a fixed board shows the expected voltages. Starts have a blue frame.
 
-    `board`: the board; `ax`: axes to draw on; `side`: "plan", or "front" or "back" for copper, pads and silkscreen.
+    `board`: the board; `ax`: axes to draw on; `side`: "plan"; or "front" or "back" for copper, pads and printed texts.
     """
     return _draw_plan(board, ax) if side == "plan" else _draw_side(board, ax, side)
 
 
 def _draw_side(board: Board, ax: Axes, side: str) -> Axes:
-    """Draw copper, pads, holes and silkscreen of one side; the back is seen from the back."""
+    """Draw copper, pads, holes and printed texts of one side, as seen from this side; return the axes.
+
+    `side`: "front" or "back".
+    """
     from resgrid.hardware.board_files import silkscreen_of
     from resgrid.hardware.plane import fill_plane
     from resgrid.hardware.routing import route
@@ -73,13 +76,17 @@ def _draw_side(board: Board, ax: Axes, side: str) -> Axes:
 
 
 def _write(ax: Axes, words: str, at: tuple[float, float], height: float, turn: int, align: str) -> None:
-    """Write a text of the silkscreen; `height`: of its letters, in points."""
+    """Write a printed text; `words`: the text.
+
+    `at`: place (x, y) in mm; `height`: of its letters, in points; `turn`: rotation in degrees; `align`: side of the
+    text at the place: "left", "right", or "" for the centre.
+    """
     anchor = align or "center"
     ax.text(*at, words, fontsize=1.15 * height, rotation=turn, ha=anchor, va="center", color="white", zorder=7)
 
 
 def _draw_pads(placed: PlacedFootprint, ax: Axes, side: str) -> None:
-    """Draw the pads and holes of a part."""
+    """Draw the pads and holes of a part on the side "front" or "back"."""
     for pad in placed.footprint.pads:
         (x, y), (width, height) = placed.place_of(pad), placed.size_of(pad)
         if pad.number and (pad.drill or side == "front"):
@@ -103,7 +110,7 @@ def _points_per_unit(ax: Axes) -> float:
 
 
 def _draw_plan(board: Board, ax: Axes) -> Axes:
-    """Draw the cells of a board with bridges or expected voltages."""
+    """Draw the cells of a board with solder bridges or expected voltages; return the axes."""
     cell = board.circuit.space.cell
     columns, rows = cell.shape
     ax.set_xlim(-1.0, columns)
@@ -130,7 +137,7 @@ def _draw_plan(board: Board, ax: Axes) -> Axes:
 
 
 def _draw_cell(board: Board, ax: Axes, at: tuple[int, int], kind: Cell, points: float) -> None:
-    """Draw one cell; `at`: its index; `kind`: its state; `points`: width of a cell in points."""
+    """Draw one cell; `at`: its column and row; `kind`: free, obstacle or goal; `points`: width of a cell in points."""
     is_plan = board.kind == "jumpers"
     colours = {Cell.OBSTACLE: OBSTACLE, Cell.GOAL: GOAL, Cell.FREE: "white"}
     ax.add_patch(
@@ -146,7 +153,7 @@ def _draw_cell(board: Board, ax: Axes, at: tuple[int, int], kind: Cell, points: 
 
 
 def _title(board: Board) -> str:
-    """Return the title of the picture."""
+    """Return the title of the picture of a board's cells."""
     count = len(board.closed)
     if board.kind == "jumpers":
         bridges = "1 bridge" if count == 1 else f"{count} bridges"

@@ -41,9 +41,10 @@ _FRACTIONS = {"mismatch", "defects.open_density", "defects.short_density"}
 
 
 def draw_settled(result: Settling, ax: Axes | None = None, *, quantity: Literal["map", "curve"] = "map") -> Axes:
-    """Draw a map of the settling time of every cell, or the settling curve of the slowest node; return the axes.
+    """Draw the settling of a chip, as a map of times per cell or as a curve over time; return the axes.
 
-    `ax`: axes to draw on, by default those of a new figure; `quantity`: "map" or "curve".
+    `ax`: axes to draw on, by default those of a new figure; `quantity`: "map" for the settling time of every cell,
+    "curve" for the largest distance of a node voltage from its final value over time.
     """
     return draw_settling(result, ax) if quantity == "map" else draw_settling_curve(result, ax)
 

@@ -41,7 +41,10 @@ Resistors that change a step only at a larger drift are omitted.
 """
 
 _HEAT_DECADES = 5.0
-"""Range of the heat's colour scale, in decades below the hottest cell; colder cells have the lowest colour."""
+"""Range of the logarithmic colour scale of heat, in decades below the hottest cell.
+
+Colder cells have the lowest colour.
+"""
 _NOISE = {
     "total": ("rms noise within the band", "V"),
     "limit": ("rms noise, all frequencies", "V"),

@@ -212,7 +212,7 @@ def _draw_nodes(netlist: Netlist, op: OperatingPoint | None, axes: Axes) -> None
 
 
 def voltage_texts(op: OperatingPoint | None, nodes: NDArray[np.integer[Any]]) -> tuple[list[str], str]:
-    """Return the voltages of nodes as n texts, rounded to 1/10000 of the largest voltage, and their unit.
+    """Return the voltages of nodes as n texts, rounded to 1/10000 of the largest magnitude, and their unit.
 
     `op`: operating point with the voltages, None for empty texts; `nodes` (n,): node indices.
     """

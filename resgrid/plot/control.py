@@ -58,10 +58,12 @@ _FORCE_LENGTH = 0.12
 """Length of the arrow of the largest contact force, as a fraction of the width of the axes."""
 
 _MOST_ARROWS = 8
-"""Largest number of contact forces that are drawn in the picture of a run; of more forces, evenly spaced ones are
-drawn."""
+"""Largest number of contact forces in the picture of a run; of more forces, evenly spaced ones are drawn."""
 _FAINT = 1e-4
-"""Smallest change of the potential that the logarithmic colour scale resolves, as a fraction of the largest change."""
+"""Limit between the linear and the logarithmic part of the colour scale of changes of the potential.
+
+It is a fraction of the largest magnitude of a change; the scale is linear for smaller changes of both signs.
+"""
 
 
 def draw_run(run: Run, *, title: str = "", caption: str = "") -> Figure:

@@ -36,9 +36,9 @@ from resgrid.plot.shading import Scale, Shading, add_border, fill_open_walls, no
 from resgrid.plot.style import NO_DROP, TEXT, add_colour_bar, spanning, strength_map
 
 _ARROWS = 26
-"""Largest number of current arrows along the longer side of a map."""
+"""Largest number of blocks of cells, each with one current arrow, along the longer side of a map."""
 _ARROW_LENGTH = 0.85
-"""Length of an arrow, as a fraction of a block of cells."""
+"""Length of a current arrow, as a fraction of the width of its block of cells."""
 
 _WIDE = 0.55
 """Height over width of a map below which the two panels of a page are drawn one above the other."""
@@ -135,7 +135,8 @@ def draw_summary(
     Raises
     ------
     InputError
-        If the space has four axes, or a path has another number of coordinates.
+        If the number of coordinates of a path differs from the number of axes, or `scale` is "log" and the field has
+        no drop.
 
     Examples
     --------

@@ -30,19 +30,19 @@ LINES: Mapping[str, dict[str, Any]] = {
     "contact": {"facecolor": "#000000"},
     "via": {"facecolor": "#ffffff", "edgecolor": "#000000", "linewidth": 0.6},
 }
-"""Style of each layer, in the order of drawing."""
+"""Matplotlib style of each kind of layer, by name, in the order of drawing."""
 
 MOST_SHAPES = 150_000
-"""Largest number of shapes that the picture of the whole block draws one by one."""
+"""Largest number of resistors up to which the picture of a whole layout draws each of them."""
 
 _LENGTHS = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000)
-"""Lengths of scale bars, in micrometres."""
+"""Possible lengths of the scale bar, in micrometres."""
 
 
 def draw_layout(layout: Layout) -> Figure:
-    """Draw the whole block of a layout with its pads, and the tile of one cell with all its layers; return the figure.
+    """Draw a layout: the whole block with its pads, and one cell of the grid with all layers; return the figure.
 
-    `layout`: the layout.  A dashed frame in the block is the window of the tile.
+    A dashed frame in the picture of the block shows the place of this cell.
     """
     x0, y0, x1, y1 = (edge * 1e-3 for edge in layout.outline)
     window = _tile_window(layout)
@@ -59,7 +59,7 @@ def draw_layout(layout: Layout) -> Figure:
 
 
 def _named(layout: Layout, name: str) -> str:
-    """Return the label of a layer of the picture, with the name of the process for metals."""
+    """Return the legend entry of a kind of layer; `name`: key of `LINES`."""
     metals = [metal.name for metal in layout.rules.metals]
     pads = ", pads" if len(metals) == METALS else ""
     return {
@@ -71,7 +71,7 @@ def _named(layout: Layout, name: str) -> str:
 
 
 def _layers(layout: Layout) -> dict[str, Sequence[Layer]]:
-    """Return the layers of the process by name of the style."""
+    """Return the GDSII layers of the process for each key of `LINES`."""
     rules = layout.rules
     first, second, third = rules.metals[:3]
     body, ends = list(rules.body.values()), list(rules.ends.values())
@@ -88,7 +88,11 @@ def _layers(layout: Layout) -> dict[str, Sequence[Layer]]:
 
 
 def _tile_window(layout: Layout) -> Window:
-    """Return the window of the tile that shows most: next to a goal, in micrometres."""
+    """Return the corners x0, y0, x1, y1, in micrometres, of a window around the drawing of one cell near a goal.
+
+    The cell is the closest free cell, outside goals, with resistors to its next neighbours along both axes; if there
+    is none, the closest cell with a node.
+    """
     tile, array = layout.tile, layout.array
     both = (array.along_x >= 0) & (array.along_y >= 0) & (array.region < 0) & ~array.obstacle
     places = np.argwhere(both) if both.any() else np.argwhere(array.node)
@@ -99,7 +103,10 @@ def _tile_window(layout: Layout) -> Window:
 
 
 def _draw_block(layout: Layout, axes: Axes, window: Window) -> None:
-    """Draw the whole block with metals, resistors and pads; `window`: frame of the tile, in micrometres."""
+    """Draw the whole block with metals, resistors and pads, and a dashed frame.
+
+    `window`: corners x0, y0, x1, y1 of the frame, in micrometres.
+    """
     layers = _layers(layout)
     names = ["metal 2", "marker", "metal 3", "pad"]
     if len(layout.value) > MOST_SHAPES:
@@ -125,14 +132,17 @@ def _draw_block(layout: Layout, axes: Axes, window: Window) -> None:
 
 
 def _fill_array(layout: Layout, axes: Axes) -> None:
-    """Draw the area of an array with very many resistors as one rectangle."""
+    """Draw the area of an array with more than `MOST_SHAPES` resistors as one rectangle."""
     columns, rows = layout.op.netlist.cells.space.shape
     size = columns * layout.tile.px * 1e-3, rows * layout.tile.py * 1e-3
     axes.add_patch(Rectangle((0.0, 0.0), *size, facecolor=LINES["poly"]["facecolor"], alpha=0.5))
 
 
 def _draw_tile(layout: Layout, axes: Axes, window: Window) -> None:
-    """Draw all layers inside a window, in micrometres, with the names of the nodes."""
+    """Draw all layers inside a window, with the names of the nodes.
+
+    `window`: corners x0, y0, x1, y1, in micrometres.
+    """
     x0, y0, x1, y1 = window
     shapes = expanded_shapes(layout, (x0 * 1e3, y0 * 1e3, x1 * 1e3, y1 * 1e3))
     for name, layers in _layers(layout).items():
@@ -154,7 +164,10 @@ def _draw_tile(layout: Layout, axes: Axes, window: Window) -> None:
 
 
 def _add(axes: Axes, boxes: Sequence[NDArray[np.float64]], style: Mapping[str, Any]) -> None:
-    """Add rectangles in nanometres, arrays of shape (n, 4), with a style."""
+    """Add rectangles to axes.
+
+    `boxes`: arrays (n, 4) of corners x0, y0, x1, y1, in nanometres; `style`: options of matplotlib.
+    """
     if not boxes:
         return
     corners = np.concatenate(boxes)[:, [0, 1, 2, 1, 2, 3, 0, 3]].reshape(-1, 4, 2) * 1e-3
@@ -162,7 +175,10 @@ def _add(axes: Axes, boxes: Sequence[NDArray[np.float64]], style: Mapping[str, A
 
 
 def _finish(axes: Axes, window: Window, title: str) -> None:
-    """Set limits and title, hide the axes, and add a scale bar; `window`: limits in micrometres."""
+    """Set limits and title of axes, hide their ticks, and add a scale bar.
+
+    `window`: limits x0, y0, x1, y1, in micrometres.
+    """
     x0, y0, x1, y1 = window
     axes.set(xlim=(x0, x1), ylim=(y0, y1), aspect="equal", xticks=[], yticks=[])
     axes.set_title(title, fontsize=TEXT)

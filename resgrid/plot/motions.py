@@ -16,7 +16,7 @@ from resgrid.scene.goals import GoalCell, GoalJoints, GoalPoint, GoalPose
 from resgrid.scene.scene import Scene
 
 Motion = AnyPath | ArrayLike
-"""A path, or an array of configurations (n, ndim) in the world."""
+"""A path, or an array (n, ndim) of configurations in world coordinates."""
 
 
 def empty_space(scene: Scene) -> ConfigurationSpace:

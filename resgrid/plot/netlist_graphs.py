@@ -114,7 +114,8 @@ def draw_circuit(netlist: Netlist, ax: Axes | None = None, *, op: OperatingPoint
 
     Nodes of a netlist compiled from one or two axes lie at the cell centres; other netlists are laid out as graphs.
     `ax`: axes to draw on, by default those of a new figure; `op`: operating point of the netlist, whose node voltages
-    are written into the diagram.  Returns the axes.  Raises InputError for a netlist that is too large or nonlinear.
+    are written into the diagram.  Returns the axes.  Raises InputError for a nonlinear netlist, for
+    more than `MOST_CELLS_A_SIDE` cells along an axis, and without cells for more than `MOST_NODES` nodes.
     """
     if netlist.nonlinear_nodes.size:
         raise InputError("circuit diagrams have no symbol for nonlinear resistors; draw the field of this circuit")
@@ -232,7 +233,7 @@ def _oriented(places: Place) -> Place:
 
 
 def _closeness(edges: NDArray[np.float64]) -> float:
-    """Return the total length over which connections run closer than 0.3 to other connections, in units of the layout.
+    """Return the total length over which connections run within 0.3 of other connections, in drawing units.
 
     `edges` (edges, 2, 2): both ends of each connection of two nodes; the outer 15 % at each end are ignored.
     """

@@ -72,7 +72,11 @@ def draw_line(
     axis: int | None = None,
     indices: Sequence[int] | None = None,
 ) -> Axes | Figure:
-    """Draw a polyline; the options and the result are those of `draw_path`."""
+    """Draw a polyline; return the axes, or the figure of a space with more than two axes.
+
+    `ax`: axes to draw on, by default those of a new figure; `axis`, `indices`: normal axis and cell indices of the
+    slices of a space with three or four axes.
+    """
     if ax is None and axis is None and indices is None and is_voxel_world(path.space):
         return draw_voxel_page([path])
     return plane_paths.draw_line(path, ax, axis=axis, indices=indices)
@@ -87,7 +91,7 @@ def draw_voxel_page(
     paths: Sequence[AnyPath], k: Sequence[float] | None = None,
     unknown: NDArray[np.bool_] | None = None,
 ) -> Figure:  # fmt: skip
-    """Draw paths of one space with three axes: the surface of the obstacles, and horizontal slices at their heights.
+    """Draw paths of one space with three axes: the surface of the obstacles, and horizontal slices through the paths.
 
     `k`: weight k of the Dirichlet field of each streamline, None for paths of one field; `unknown`: mask of obstacle
     cells of unknown occupancy.
@@ -116,9 +120,9 @@ def draw_voxel_page(
 
 
 def _styles_of(k: Sequence[float | None]) -> list[dict[str, Any]]:
-    """Return the legend entry and matplotlib's options for each path in the picture of the surface.
+    """Return the legend entry ``label`` and matplotlib's line options for each path in the picture of the surface.
 
-    `k`: weight k of the Dirichlet field of each path, None for paths of one field.
+    `k`: weight k of the Dirichlet field of each path; entries None for paths of one field.
     """
     blends = sorted(set(k), key=lambda blend: blend or 0.0)
     styles = dict(zip(blends, blend_styles(blends), strict=True))
@@ -126,7 +130,12 @@ def _styles_of(k: Sequence[float | None]) -> list[dict[str, Any]]:
 
 
 def _cuts_through(paths: Sequence[AnyPath], space: ConfigurationSpace) -> list[Cut]:
-    """Return horizontal slices at heights of paths: start and end of the first one, its extreme and median heights."""
+    """Return at most `_SLICES` horizontal slices through the first path, from the lowest to the highest.
+
+    The first chosen are those at its start and its end, then those at its lowest and its highest point, the one farther
+    from start and end first, then the one at the median of its z coordinates. Each pair of the result holds the axis
+    number 2 and a cell index. `space`: the space of all paths.
+    """
     path, axis = paths[0], space.axes[2]
     line = subdivided(points_of(path, space), PIECES)
     heights = np.clip(np.floor((line[:, 2] - axis.lower) / axis.spacing).astype(int), 0, axis.cells - 1)

@@ -126,7 +126,10 @@ Cut = tuple[tuple[int, int], ...]
 
 
 def sliced(values: NDArray[Any], cut: Cut) -> NDArray[Any]:
-    """Return the values of the cells of a slice; `values`: one value per cell, shape of the space."""
+    """Return the values of the cells of a slice, one dimension per axis in the slice.
+
+    `values`: one value per cell, shape of the space; `cut`: normal axes with their cell indices, empty for all cells.
+    """
     where: list[int | slice] = [slice(None)] * values.ndim
     for normal, index in cut:
         where[normal] = index
@@ -134,7 +137,10 @@ def sliced(values: NDArray[Any], cut: Cut) -> NDArray[Any]:
 
 
 def plane_of(space: ConfigurationSpace, cut: Cut = ()) -> PicturePlane:
-    """Return the plane of a space with two axes, or of a slice of a space with three or four axes."""
+    """Return the plane of a space with two axes, or of a slice of a space with three or four axes.
+
+    `cut`: normal axes with their cell indices; empty for a space with two axes.
+    """
     if cut:
         normals = [normal for normal, _ in cut]
         x, y = (axis for number, axis in enumerate(space.axes) if number not in normals)

@@ -11,22 +11,22 @@ from matplotlib.colors import to_rgb
 from numpy.typing import NDArray
 
 _LARGEST = 32
-"""Largest width or height of a triangle, in pixels, that is rasterized at once; larger triangles are divided."""
+"""Largest width or height, in pixels, of a triangle whose pixels are tested directly; larger triangles are divided."""
 
 _STEP = 4
-"""Granularity in pixels of the blocks in which triangles are rasterized."""
+"""Step, in pixels, of the possible sides of the square block in which the pixels of a triangle are tested."""
 
 _AT_ONCE = 1 << 20
-"""Number of pixels that are tested against triangles at once."""
+"""Number of pairs of a pixel and a triangle that are tested at once; limits the memory."""
 
 _OUTLINE = 0.55
-"""Factor of the brightness of outlines."""
+"""Factor from 0 (black) to 1 by which the colours of pixels at the border of a body are multiplied."""
 
 _LIGHT = np.array([-0.35, 0.45, 0.82])
 """Unit vector towards the light, in the camera's frame: to the right, upwards, towards the camera."""
 
 _AMBIENT = 0.62
-"""Brightness of a surface that the light grazes, as a fraction of the brightness of one that faces it."""
+"""Brightness of a surface parallel to the light, relative to the brightness of a surface that faces the light."""
 
 
 @dataclass(frozen=True)
@@ -53,9 +53,9 @@ class Camera:
         )
 
     def seen(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return points in the camera's frame (..., 3): coordinates in the picture and depth, in metres.
+        """Return points in the camera's frame (..., 3): to the right, upwards, and depth away from the camera.
 
-        `points` (..., 3): in the world.
+        `points` (..., 3): in world coordinates; lengths keep their unit.
         """
         return np.asarray(points @ self.rotation.T)
 
@@ -64,7 +64,7 @@ class Camera:
 class Window:
     """Part of the picture plane that an image shows.
 
-    `left`, `bottom`, `right`, `top`: limits in metres; `rows`: number of pixel rows.
+    `left`, `bottom`, `right`, `top`: limits in the unit of the world coordinates; `rows`: number of pixel rows.
     """
 
     left: float
@@ -75,7 +75,7 @@ class Window:
 
     @property
     def scale(self) -> float:
-        """Number of pixels per metre."""
+        """Number of pixels per unit of length of the world coordinates."""
         return self.rows / (self.top - self.bottom)
 
     @property
@@ -84,15 +84,19 @@ class Window:
         return max(round((self.right - self.left) * self.scale), 1)
 
     def pixels(self, seen: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return points (..., 3) as column, row from below, and depth; `seen` (..., 3): in the camera's frame."""
+        """Return points (..., 3) as column and row in pixels from the lower left corner, and depth.
+
+        `seen` (..., 3): points in the camera's frame.
+        """
         return np.asarray((seen - (self.left, self.bottom, 0.0)) * (self.scale, self.scale, 1.0))
 
 
 class Layer(NamedTuple):
     """Image of one group of bodies.
 
-    `colour` (rows, columns, 3), uint8: shaded colours; `depth` (rows, columns), float32: distance from the camera's
-    plane in metres, infinite for pixels without a body; `opacity`: 0 to 1.
+    `colour` (rows, columns, 3), uint8: shaded colours, bottom row first; `depth` (rows, columns), float32: distance
+    along the view from the plane through the world's origin, in the unit of the world coordinates, infinite without a
+    body; `opacity`: 0 to 1.
     """
 
     colour: NDArray[np.uint8]
@@ -108,10 +112,11 @@ def render(
     window: Window,
     opacity: float,
 ) -> Layer:
-    """Return the image of triangles.
+    """Return the shaded image of triangles, with dark outlines of bodies.
 
-    `triangles` (n, 3, 3): corners in the world; `owner` (n,): number of the body of each triangle, whose outline is
-    drawn dark; `colour`: of all triangles, or (n, 3) from 0 to 1 for each; `opacity`: 0 to 1.
+    `triangles` (n, 3, 3): corners in the world; `owner` (n,): number of the body to which each triangle belongs;
+    `colour`: name of the colour of all triangles, or red, green and blue from 0 to 1 of each, shape (n, 3); `camera`,
+    `window`: projection, and shown part of the picture plane; `opacity`: 0 to 1, stored in the result only.
     """
     seen = camera.seen(triangles)
     depth, face = _nearest(window.pixels(seen), window)
@@ -130,7 +135,10 @@ def render(
 
 
 def _outline(owner: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Return the mask of pixels at the border of a body; `owner` (rows, columns): number of the body, -1 for none."""
+    """Return the mask of pixels of a body that have a neighbour outside this body, shape (rows, columns).
+
+    `owner` (rows, columns): number of the body at each pixel, -1 for none.
+    """
     edge = np.zeros(owner.shape, dtype=np.bool_)
     across, up = owner[:, 1:] != owner[:, :-1], owner[1:] != owner[:-1]
     edge[:, 1:] |= across
@@ -141,7 +149,10 @@ def _outline(owner: NDArray[np.int64]) -> NDArray[np.bool_]:
 
 
 def composite(layers: list[Layer]) -> NDArray[np.uint8]:
-    """Return the image (rows / 2, columns / 2, 4), RGBA from 0 to 255, of layers that hide each other by depth."""
+    """Return the image of layers that hide each other by depth, at half the resolution.
+
+    The result (rows / 2, columns / 2, 4) has the colours red, green, blue and opacity from 0 to 255.
+    """
     shape = layers[0].depth.shape
     depth = np.stack([layer.depth.ravel() for layer in layers])
     used = np.flatnonzero(np.isfinite(depth).any(axis=0))
@@ -161,7 +172,10 @@ def composite(layers: list[Layer]) -> NDArray[np.uint8]:
 
 
 def _halved(image: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """Return means over blocks of 2 x 2 pixels of an image; `image` (rows, columns, 4): colours times opacity."""
+    """Return an image (rows / 2, columns / 2, 4), RGBA from 0 to 255, of the means over blocks of 2 x 2 pixels.
+
+    `image` (rows, columns, 4): red, green and blue multiplied by the opacity from 0 to 1, and opacity from 0 to 255.
+    """
     rows, columns = image.shape[0] // 2, image.shape[1] // 2
     mean = image[: 2 * rows, : 2 * columns].reshape(rows, 2, columns, 2, 4).mean(axis=(1, 3))
     mean[..., :3] /= np.maximum(mean[..., 3:] / 255, 1e-6)
@@ -171,7 +185,7 @@ def _halved(image: NDArray[np.float32]) -> NDArray[np.uint8]:
 def _nearest(corners: NDArray[np.float64], window: Window) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
     """Return the depth (infinite for none) and the index (-1 for none) of the nearest triangle of every pixel.
 
-    `corners` (n, 3, 3): columns, rows and depths of triangles.  Both results have the shape (rows, columns).
+    `corners` (n, 3, 3): column, row and depth of the corners of triangles. Both results have the shape (rows, columns).
     """
     shape = (window.rows, window.columns)
     depth = np.full(shape[0] * shape[1], np.inf, dtype=np.float32)
@@ -196,9 +210,10 @@ def _nearest(corners: NDArray[np.float64], window: Window) -> tuple[NDArray[np.f
 def _divided(
     corners: NDArray[np.float64], number: NDArray[np.int64], shape: tuple[int, int]
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return the triangles in the window, divided until none is large, and the index of the original of each.
+    """Return the triangles in the window, divided until each is at most `_LARGEST` pixels wide and high.
 
-    `corners` (n, 3, 3): columns, rows and depths; `number` (n,): indices; `shape`: rows and columns of the window.
+    The results are the corners (m, 3, 3) and the indices (m,) of the original triangles. `corners` (n, 3, 3): column,
+    row and depth of the corners; `number` (n,): indices; `shape`: number of rows and columns of the window.
     """
     small, index = [], []
     while len(corners):
@@ -220,10 +235,10 @@ def _divided(
 def _covered(
     corners: NDArray[np.float64], low: NDArray[np.int64], side: int, shape: tuple[int, int]
 ) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.int64]]:
-    """Return the pixels that triangles cover, the depth there, and the index of the triangle, each of shape (m,).
+    """Return flat pixel index, depth, and index of the triangle, each (m,), for each pixel that a triangle covers.
 
-    `corners` (n, 3, 3): columns, rows and depths; `low` (n, 2): lower corner of the block of `side` x `side` pixels
-    that contains a triangle; `shape`: rows and columns of the window.
+    `corners` (n, 3, 3): column, row and depth of the corners; `low` (n, 2): column and row of the lower corner of the
+    block of `side` x `side` pixels that contains each triangle; `shape`: number of rows and columns of the window.
     """
     (x0, y0), (x1, y1), (x2, y2) = corners[..., :2].transpose(1, 2, 0)[..., None, None]
     column, row = low[:, 0, None, None] + np.arange(side)[:, None], low[:, 1, None, None] + np.arange(side)

@@ -17,7 +17,7 @@ from resgrid.plot.style import height_map
 
 Scale = Literal["auto", "linear", "log"]
 _DECADES_WORTH_A_LOG = 2.0
-"""Range of the drop, in decades, above which the scale "auto" is logarithmic."""
+"""Orders of magnitude between smallest and largest drop above which the scale "auto" is logarithmic."""
 _LINES = 16
 """Approximate number of equipotentials on a logarithmic scale."""
 _TAIL = 0.02
@@ -139,7 +139,7 @@ def _logarithmic(field: Field | LatticeField, decades: NDArray[np.float64], smal
 def span(values: NDArray[np.float64]) -> tuple[float, float]:
     """Return the limits of the colour scale: minimum and maximum of the finite values.
 
-    The lowest 2 % of the values are ignored if the rest spans less than half of the whole range.
+    The lower limit is the 2nd percentile instead if the values above it span less than half of the whole range.
     """
     finite = values[np.isfinite(values)]
     lowest, low, high = (float(value) for value in (finite.min(), np.quantile(finite, _TAIL), finite.max()))
@@ -153,9 +153,9 @@ def nice_step(smallest: float) -> float:
 
 
 def fill_open_walls(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return values in which cells without a value have the mean of their face neighbours.
+    """Return values in which cells without a value have the mean of their face neighbours with a value.
 
-    Equipotentials then meet open obstacles at right angles.  `values` (n, m): NaN in cells without a value; the result
+    Equipotentials then meet open obstacles at right angles. `values` (n, m): NaN in cells without a value; the result
     has the same shape.
     """
     padded = np.pad(values, 1, constant_values=np.nan)

@@ -26,14 +26,14 @@ class SpaceView:
     window : Window
         Part of the picture plane.
     hidden_depth : float
-        Depth below a surface from which a line is drawn as hidden, in axis units.
+        Depth behind a surface from which a line is drawn as hidden, in the unit of the world coordinates.
     """
 
     def __init__(self, camera: Camera, window: Window, hidden_depth: float) -> None:
         self.camera, self.window, self.hidden_depth = camera, window, hidden_depth
 
     def show(self, layers: list[Layer], axes: Axes) -> AxesImage:
-        """Draw layers as one image, and return it."""
+        """Draw layers, which hide each other by depth, as one image on axes; return the image."""
         window = self.window
         return axes.imshow(
             composite(layers), origin="lower", extent=(window.left, window.right, window.bottom, window.top),
@@ -43,9 +43,10 @@ class SpaceView:
     def draw_line(
         self, points: NDArray[np.float64], axes: Axes, layers: Iterable[Layer], label: str, **style: Any
     ) -> list[Line2D]:
-        """Draw a line in space, thin where a layer hides it; return the two artists.
+        """Draw a line in space, thin and dotted where a layer hides it; return matplotlib's two lines.
 
-        `points` (n, 3): in the world, dense; `layers`: images that can hide the line; `style`: options of matplotlib.
+        `points` (n, 3): in the world, close to each other; `layers`: images that can hide the line; `label`: legend
+        entry; `style`: options of matplotlib's plot.
         """
         seen = self.camera.seen(points)
         hidden = self.hidden(points, layers)

@@ -96,12 +96,12 @@ def blend_styles(blends: Sequence[float | None]) -> list[dict[str, Any]]:
 
 
 def height_map() -> Colormap:
-    """Return the colour map of a height above the goal: yellow at the goal, dark blue at the maximum."""
+    """Return the colour map of the height (voltage above the goal rail): yellow at goals, dark blue at the maximum."""
     return LinearSegmentedColormap.from_list("height", HEIGHT, N=256)
 
 
 def surface_map() -> Colormap:
-    """Return the colour map of the height of an obstacle's surface in space: dark grey-blue below, pale above."""
+    """Return the colour map of the z coordinate of an obstacle's surface: dark grey-blue below, pale above."""
     return LinearSegmentedColormap.from_list("surface", SURFACE, N=256)
 
 

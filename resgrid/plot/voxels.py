@@ -40,13 +40,20 @@ _SIDE = 1500
 """Number of pixels along the longer side of a picture before it is reduced to half this size."""
 
 _HIDDEN = 0.4
-"""Fraction of the paths behind obstacles from which the obstacles above the paths are left out."""
+"""Fraction of the sample points of the paths that obstacles hide, above which obstacles above the paths are left out.
+
+The sample points divide each segment of a path into `PIECES` pieces.
+"""
 
 _CAMERA = Camera(-55.0, 38.0)
-"""Default direction of the view, steeper than that of arms, to look into rooms."""
+"""Default direction of the view (azimuth and elevation in degrees), steeper than for arms, to look into rooms."""
 
 PIECES = 24
-"""Number of pieces into which each segment of a path is divided to find hidden pieces and the median height."""
+"""Number of equal pieces into which each segment of a path is divided; their ends are sample points of the path.
+
+The points decide which parts of the path obstacles hide in the view. On a page with slices they also determine the
+lowest, highest and median z coordinate of the path, at which horizontal slices are drawn.
+"""
 
 
 class VoxelView(SpaceView):
@@ -61,7 +68,7 @@ class VoxelView(SpaceView):
     unknown : ndarray of bool or None
         Mask of obstacle cells of unknown occupancy, which have no surface.
     top : float or None
-        Height above which obstacles are left out; None for all obstacles.
+        Coordinate z, in axis units, above which obstacles are left out; None to show all obstacles.
     also : ndarray of float64, shape (n, 3)
         Points that the picture must contain.
     """
@@ -103,7 +110,7 @@ class VoxelView(SpaceView):
         )
 
     def layers(self) -> list[Layer]:
-        """Return the images of obstacles, of cut obstacles and of goal cells."""
+        """Return the images of obstacles, of the section through obstacles at z = `top`, and of goal cells."""
         facing = [(axis, sign) for axis, sign in DIRECTIONS if sign * self.camera.rotation[2, axis] < -1e-9]
         faces = surface_to_air(self.solid, self.air, self.axes, facing)
         height = faces.corners[:, :, 2].mean(axis=1)
@@ -126,7 +133,7 @@ class VoxelView(SpaceView):
         return render(triangles, owner, colour, self.camera, self.window, opacity)
 
     def label_edges(self, axes: Axes) -> None:
-        """Draw the edges of the shown part behind the obstacles, and label one for each axis with its range."""
+        """Draw the edges of the shown box behind the obstacles, and label one edge per axis with the axis's range."""
         corners = np.array(list(product(range(2), repeat=3)))
         for first, second in product(corners, corners):
             if (second - first >= 0).all() and (second - first).sum() == 1:
@@ -155,7 +162,13 @@ class VoxelView(SpaceView):
 
     @staticmethod
     def _outside(ends: NDArray[np.float64], middle: NDArray[np.float64], number: int) -> float:
-        """Return the distance of an edge from the middle of the view, downwards (x, y) or to the left (z)."""
+        """Return the distance by which an edge lies below the middle of the view (axes x, y), or to the left (axis z).
+
+        The distance is negative for an edge above or to the right.
+
+        `ends` (2, 2): ends of the edge in the picture; `middle` (2,): middle of the view; `number`: axis of the edge, 2
+        for z.
+        """
         x, y = ends.mean(axis=0) - middle
         return float(-x if number == 2 else -y)
 
@@ -172,9 +185,9 @@ def draw_voxels(
 ) -> Axes:
     """Draw the surface of the obstacles of a space with three axes, and paths.
 
-    Only the surface around the cells that are connected to a goal is drawn, from its front: walls between the camera
-    and the inside of a closed room are transparent.  Where obstacles hide most of the paths, those above the paths are
-    left out.  Hidden parts of paths are dotted.
+    Only the surface around the cells that are connected to a goal is drawn, from its front: obstacles between the
+    camera and the inside of a closed room are transparent.  Where obstacles hide more than 40 % of the paths, those
+    above the paths are left out.  Hidden parts of paths are dotted.
 
     Parameters
     ----------
@@ -187,7 +200,8 @@ def draw_voxels(
     azimuth, elevation : float
         Direction from the space to the camera in degrees, from x towards y, and above the horizontal plane.
     top : float, optional
-        Height above which obstacles are left out; by default only obstacles above paths that they hide.
+        Coordinate z, in axis units, above which obstacles are left out; by default obstacles are left out only above
+        paths of which they hide more than 40 %.
     unknown : ndarray of bool, optional
         Mask of obstacle cells of unknown occupancy, shape of the space; they have no surface.
 
@@ -225,10 +239,12 @@ def draw_paths_in_view(
     top: float | None = None,
     unknown: NDArray[np.bool_] | None = None,
 ) -> Axes:
-    """Draw the surface of the obstacles of a voxel world, and paths; return the axes.
+    """Draw the surface of the obstacles of a space with axes x, y and z, and paths; return the axes.
 
-    `styles`: legend entry ``label`` and options of matplotlib for each path; `camera`: direction of the view; the other
-    parameters are those of `draw_voxels`.
+    `styles`: legend entry ``label`` and matplotlib's line options for each path; `ax`: axes to draw on, None for a new
+    figure; `camera`: direction of the view; `top`: coordinate z above which obstacles are left out, None to leave out
+    those above the paths if they hide more than `_HIDDEN` of them; `unknown`: mask of obstacle cells of unknown
+    occupancy, None without any.
     """
     lines = [points_of(path, space) for path in paths]
     dense = [subdivided(line, PIECES) for line in lines]
@@ -272,7 +288,10 @@ def points_of(path: AnyPath, space: ConfigurationSpace) -> NDArray[np.float64]:
 
 
 def _part_around(mask: NDArray[np.bool_], cells: NDArray[np.int64]) -> Window:
-    """Return the smallest window that contains True cells of a mask, `cells` (n, 3), and all their neighbours."""
+    """Return the smallest window that contains the True cells of a mask, given cells, and the neighbours of both.
+
+    `mask`: shape of the space; `cells` (n, 3): cell indices.
+    """
     marked = extent_of_mask(mask)
     if marked is not None:
         cells = np.concatenate([cells, np.array(marked).T - [[0], [1]]])

@@ -14,7 +14,7 @@ from resgrid._internal.values import brief
 from resgrid.errors import InputError
 
 Corner = Literal["typical", "low", "high"]
-"""Corner of a process: the typical, the lowest or the highest sheet resistance."""
+"""Corner of a process: typical, lowest or highest sheet resistance."""
 
 Positive = Annotated[float, Gt(0)]
 AtLeastZero = Annotated[float, Ge(0)]
@@ -31,9 +31,9 @@ class Layer:
     gds : tuple of int
         Layer and datatype numbers in GDSII files.
     min_width, min_space, max_width : float or None
-        Smallest width, smallest space and largest width, in micrometres.
+        Smallest width, smallest distance of shapes, and largest width, in micrometres.
     wide_space : tuple of tuple of float
-        Pairs of a width and the space that shapes wider than this width need, in micrometres.
+        Pairs of a width and the distance that shapes wider than this width need, in micrometres.
     min_area : float or None
         Smallest area of a shape, in square micrometres.
     sheet_resistance : float or None
@@ -73,7 +73,7 @@ class Cut:
     size, space : float
         Side of a square and distance of squares, in micrometres.
     enclosure_below, enclosure_above : float
-        Overlap of the connected layers on every side, in micrometres.
+        Smallest overlap of the layers `below` and `above` over the square on every side, in micrometres.
     array_space : float or None
         Distance of squares in arrays of more than `array_rows` rows and columns, in micrometres.
     array_rows : int or None
@@ -153,17 +153,18 @@ class Resistor:
     end_resistance : float
         Resistance of one end times the drawn width ``Rz``, in ohm metres.
     min_width, max_width, min_length, max_length, min_space : float or None
-        Range of width and length, and smallest distance of two resistors, in micrometres.
+        Range of width and length, and smallest distance of two resistors, in micrometres; a largest value is None if
+        the source states no limit.
     head_length : float
         Length of the head at each end of the body, in micrometres.
     contact_distance : float
         Distance from the body to the contacts in the head, in micrometres.
     body, ends : tuple of str
-        Layers drawn on the body, and on each head.
+        Names of the layers drawn on the body, and on each head.
     covers : mapping of str to tuple of float
-        Layers that cover body and heads, with their overlaps beside and beyond the resistor, in micrometres.
+        By name, layers that cover body and heads: overlaps across and along the current, in micrometres.
     body_covers : mapping of str to tuple of float
-        Layers that cover the body only, with their overlaps beside and beyond the body, in micrometres.
+        By name, layers that cover the body only: overlaps across and along the current, in micrometres.
     mismatch : float or None
         Standard deviation of the sheet resistance times ``sqrt(W L)``, in percent times micrometres.
     width_mismatch : float
@@ -221,20 +222,27 @@ class Resistor:
             raise InputError(f"width_correction = {self.width_correction:g} leaves no width; give a smaller magnitude")
 
     def at_corner(self, corner: Corner) -> float:
-        """Return the sheet resistance at a corner, in ohms per square; raise InputError if it is not known."""
+        """Return the sheet resistance at a corner, in ohms per square.
+
+        Raises InputError if the process does not state this corner.
+        """
         if corner != "typical" and corner not in self.corners:
             known = ", ".join(("typical", *self.corners))
             raise InputError(f"corner = {corner!r} is not known for {self.title}; there are {known}")
         return self.sheet_resistance if corner == "typical" else self.corners[corner]
 
     def resistance(self, length: float, width: float) -> float:
-        """Return the typical resistance in ohms of a drawn length and width in micrometres."""
+        """Return the typical resistance in ohms.
+
+        `length`, `width`: drawn length and width of the body, in micrometres.
+        """
         return self.sheet_resistance * length / (width + self.width_correction) + 2e6 * self.end_resistance / width
 
     def length(self, resistance: float, width: float) -> float:
-        """Return the length in micrometres of a resistance in ohms at a drawn width in micrometres.
+        """Return the drawn length in micrometres at which a resistor of a drawn width has a resistance.
 
-        Raises InputError if the ends alone exceed the resistance, or if the width is below the smallest one.
+        `resistance`: typical resistance in ohms; `width`: drawn width in micrometres. Raises InputError if the ends
+        alone exceed the resistance, or if the width is below the smallest one.
         """
         if width < self.min_width - 1e-9:
             raise InputError(f"width = {width:g} um is below the smallest width, {self.min_width:g} um; widen it")
@@ -249,7 +257,7 @@ class Resistor:
     def capacitance(self, length: float, width: float) -> float | None:
         """Return the capacitance of the body to the substrate in farads, without the heads; None if it is not known.
 
-        `length` and `width` in micrometres.
+        `length`, `width`: drawn length and width of the body, in micrometres.
         """
         if self.area_capacitance is None:
             return None
@@ -257,11 +265,11 @@ class Resistor:
         return self.area_capacitance * length * width * 1e-12 + edge
 
     def pelgrom(self, width: float, length: float) -> float | None:
-        """Return the effective Pelgrom coefficient ``sigma sqrt(W L)`` in percent times micrometres, or None.
+        """Return the effective Pelgrom coefficient ``sigma sqrt(W L)``, in percent times micrometres.
 
-        The variances of sheet resistance, width and length add up: ``A^2 + (B / W)^2 W + (C / L)^2 L``, with ``A`` of
-        `mismatch` and ``B``, ``C`` of `width_mismatch` and `length_mismatch` in percent.  `width` and `length` in
-        micrometres.
+        The result is None if the process states no mismatch. The variances of sheet resistance, width and length add
+        up: ``A^2 + (B / W)^2 W + (C / L)^2 L``, with ``A`` of `mismatch` and ``B``, ``C`` of `width_mismatch` and
+        `length_mismatch` in percent. `width`, `length`: drawn width W and length L of the body, in micrometres.
         """
         if self.mismatch is None:
             return None
@@ -281,7 +289,7 @@ class Process:
     title, license, reference : str
         Title, licence and origin of the data.
     grid : float
-        Drawing grid, in micrometres.
+        Grid of which all coordinates of a layout must be multiples, in micrometres.
     layers, cuts : mapping
         Layers (`Layer`) and contacts or vias (`Cut`), by name.
     pad : Pad
@@ -318,7 +326,7 @@ class Process:
 
     @property
     def resistor(self) -> Resistor:
-        """The chosen resistor."""
+        """The resistor that the process was read for: the part of `name` after the colon."""
         return self.resistors[self.name.rpartition(":")[2]]
 
     def min_width(self, layer: str) -> float | None:
@@ -326,11 +334,17 @@ class Process:
         return self.layers[layer].min_width
 
     def min_space(self, layer: str, width: float = 0.0) -> float | None:
-        """Return the smallest space of a layer in micrometres, for shapes of this `width`; None if it is not known."""
+        """Return the smallest distance of shapes on a layer in micrometres; None if it is not known.
+
+        `width`: width of the wider shape in micrometres, because wide shapes need larger distances.
+        """
         rules = [space for limit, space in self.layers[layer].wide_space if width > limit]
         return max(rules, default=self.layers[layer].min_space)
 
     def enclosure(self, cut: str, layer: str) -> float:
-        """Return the overlap in micrometres of a connected layer over a contact or via."""
+        """Return the smallest overlap in micrometres of a layer over a contact or via that it connects.
+
+        `cut`: name of the contact or via; `layer`: name of the layer.
+        """
         sides = {self.cuts[cut].below: self.cuts[cut].enclosure_below}
         return (sides | {self.cuts[cut].above: self.cuts[cut].enclosure_above})[layer]

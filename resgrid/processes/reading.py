@@ -64,5 +64,5 @@ def read_process(name: str) -> Process:
 
 @cache
 def _table(name: str) -> dict[str, Any]:
-    """Return the parsed data file of a process."""
+    """Return the parsed data file of a process; `name`: name of the process, without a resistor."""
     return tomllib.loads((Path(__file__).parent / FILES[name]).read_text(encoding="utf-8"))

@@ -390,7 +390,7 @@ def _check_link(number: int, limits: Limits | None) -> None:
 
 
 def _check_rest(arm: Arm) -> None:
-    """Raise InputError unless base and singularity options of an arm are valid."""
+    """Raise InputError unless an arm's ``base``, ``singularity_width`` and ``singularity_cells`` are valid."""
     width, cells = arm.singularity_width, arm.singularity_cells
     if len(arm.base) != 2:
         raise InputError(f"an arm's base needs two coordinates, got {list(arm.base)}")

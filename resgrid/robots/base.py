@@ -30,7 +30,10 @@ BATCH = 4096
 """Number of configurations that one vectorized collision test takes; larger grids are tested in several batches."""
 
 SLACK = 1e-9
-"""Safety margin of the distance test of whole cells, as a fraction of the largest motion of the robot within a cell."""
+"""Relative safety margin of the distance test of whole cells: a fraction of the largest motion within a cell.
+
+A cell is free if the distance from obstacles exceeds the motion by this margin and by that of `ULPS`.
+"""
 
 ULPS = 64
 """Safety margin of the distance test of whole cells, in units in the last place of the largest coordinate."""
@@ -292,8 +295,8 @@ class Robot(ABC):
     ) -> CellClasses:
         """Return the blocked cells, and, if the robot distinguishes them, those of which nothing is proven.
 
-        By default these are the cells of `occupancy`.  `executor`: executor that shares the work, for robots that can
-        use one; the other parameters are those of `occupancy`.
+        By default these are the cells of `occupancy`, without undecided ones.  `executor`: executor that shares the
+        work, for robots that can use one; None for this process; the other parameters are those of `occupancy`.
         """
         return CellClasses(self.occupancy(axes, obstacles, rule, progress))
 

@@ -55,7 +55,11 @@ def bodies_of(shape: Shape, name: str, padding: float = 0.0) -> tuple[Body, ...]
 
 
 def solid_of(shape: Shape, name: str) -> Solid:
-    """Return a shape with three coordinates as one exact solid; `name`: of the shape, for messages."""
+    """Return a shape with three coordinates as one exact solid, in the frame of the world, in metres.
+
+    `name`: name of the shape, for messages. Raises InputError for axis-aligned boxes and voxels, of which `bodies_of`
+    makes bodies, and for shapes that are no solids in space.
+    """
     match shape:
         case Ball(centre, radius):
             return _solid("ball", (radius,), rigid_pose(centre, np.eye(3)))
@@ -75,7 +79,11 @@ def solid_of(shape: Shape, name: str) -> Solid:
 
 
 def _box(lower: NDArray[np.float64], upper: NDArray[np.float64], name: str, padding: float) -> Body:
-    """Return the body of an axis-aligned box with exact corners; `lower, upper` (3,): corners in metres."""
+    """Return the body of an axis-aligned box that does not move, whose hull has exactly the given corners.
+
+    `lower, upper` (3,): corners in metres; `name`: name of the body; `padding`: distance in metres by which the hull is
+    enlarged.
+    """
     ends = np.stack([lower, upper])
     corners = ends[[[0, 0, 0], [0, 0, 1], [0, 1, 0], [0, 1, 1], [1, 0, 0], [1, 0, 1], [1, 1, 0], [1, 1, 1]], range(3)]
     piece = ConvexPiece(corners, padding)
@@ -92,7 +100,10 @@ def _length(shape: Cylinder | Capsule) -> float:
 
 
 def axis_pose(start: ArrayLike, end: ArrayLike) -> NDArray[np.float64]:
-    """Return the pose (4, 4) of the middle of a segment with the z axis along the segment."""
+    """Return the pose (4, 4) with the origin in the middle of a segment, and the z axis from its start to its end.
+
+    `start, end` (3,): different ends of the segment, in metres.
+    """
     low, high = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
     return rigid_pose((low + high) / 2, _frame_along((high - low) / np.linalg.norm(high - low)))
 

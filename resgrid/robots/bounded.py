@@ -10,7 +10,7 @@ Bounds = tuple[Point, Point]
 
 
 class Bounded(ABC):
-    """Base class of shapes, which defines bounding box and number of coordinates."""
+    """Base class of shapes: a subclass defines the bounding box, which gives the number of coordinates."""
 
     @property
     @abstractmethod

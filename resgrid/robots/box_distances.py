@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 _CELLS_AT_ONCE = 1 << 20
-"""Number of transformed cells at once; the transform takes up to 70 bytes per cell."""
+"""Largest number of cells of one distance transform, which limits its memory: up to 70 bytes per cell."""
 
 
 def near_boxes(
@@ -18,8 +18,9 @@ def near_boxes(
 ) -> NDArray[np.bool_]:
     """Return the mask of cells whose box, or centre, lies within a distance of a marked box; shape of `mask`.
 
-    `reach`: distance in axis units; the other parameters are those of `distance_from_boxes`.  Bands along the first
-    axis, each with the cells within the distance, limit the memory.
+    `mask`: marked cells of a grid; `spacing` (ndim,): cell widths in axis units; `reach`: distance in axis units;
+    `rule`: ``"conservative"`` to measure from the box of a cell, ``"centre"`` to measure from its centre.  The grid is
+    processed in bands along the first axis, together with the cells within the distance, to limit the memory.
     """
     halo = ceil(min(reach / float(spacing[0]), len(mask))) + 2
     transformed = prod(mask.shape[1:]) * (1 if rule == "conservative" else 2**mask.ndim)
@@ -39,7 +40,8 @@ def distance_from_boxes(
 ) -> NDArray[np.float64]:
     """Return the distance from every cell's box, or centre, to the nearest marked box; shape of `mask`, in axis units.
 
-    `mask`: marked cells of a grid; `spacing` (ndim,): cell widths; `rule`: ``"conservative"`` for boxes, ``"centre"``.
+    `mask`: marked cells of a grid; `spacing` (ndim,): cell widths; `rule`: ``"conservative"`` to measure from the box
+    of a cell, ``"centre"`` to measure from its centre.
     Along an axis, the gap of two boxes with index difference ``d`` is ``max(|d| - 1, 0)`` cells, which is the distance
     of ``d`` from the set ``{-1, 0, 1}``.  So the distance is a Euclidean distance transform of the mask dilated by one
     cell.  The gap of a centre and a box is ``max(|d| - 1/2, 0)``: the same transform on a grid of half the spacing.

@@ -120,7 +120,7 @@ def mark_image(
 
 
 def _mark_voxels(out: NDArray[np.bool_], axes: tuple[Axis, ...], shape: Voxels, reach: float, rule: Sampling) -> None:
-    """Mark, in place, the cells within a distance of voxels; the parameters are those of `mark`."""
+    """Mark, in place, the cells within a distance of voxels or of their periodic images; for parameters see `mark`."""
     if reach > 0 or any(axis.periodic for axis in axes):
         for low, high in shape.corners.tolist():
             mark(out, axes, Box(tuple(low), tuple(high)), reach, rule)

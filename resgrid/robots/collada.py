@@ -22,17 +22,21 @@ Number = TypeVar("Number", np.float64, np.int64)
 Triangles = tuple[NDArray[np.float64], NDArray[np.int32]]
 
 _MAX_DEPTH = 200
-"""Maximum depth of nested nodes; deeper ones form a cycle."""
+"""Maximum depth of nested nodes; deeper ones are taken for a cycle of references, and raise InputError."""
 
 _DIGITS = 9
-"""Maximum number of digits of offsets, strides and counts."""
+"""Maximum number of digits of the attributes offset, stride and count; longer numbers raise InputError."""
 
 _IGNORED = ("lines", "linestrips", "points")
-"""Primitives without area."""
+"""Names of primitive elements without area, which are skipped."""
 
 
 class _Document:
-    """Elements of a document by their identifier, and the name of the file in messages."""
+    """A COLLADA document: its elements by their identifier, and the name of the file in messages.
+
+    `root`: root element, with names without namespace; `name`: name of the file; `by_id`: lists of elements with equal
+    attribute ``id``.
+    """
 
     def __init__(self, root: Element, name: str) -> None:
         self.root, self.name = root, name
@@ -41,11 +45,11 @@ class _Document:
             self.by_id.setdefault(each.get("id", ""), []).append(each)
 
     def error(self, problem: str) -> InputError:
-        """Return the exception for a problem."""
+        """Return the InputError that names the file and states `problem`, a phrase."""
         return InputError(f"{self.name}: the mesh cannot be read as COLLADA ({problem}); export it again")
 
     def target(self, reference: str | None, mesh: Element | None = None) -> Element:
-        """Return the element that a reference such as ``"#mesh"`` names.
+        """Return the element that a reference such as ``"#mesh"`` names; raise InputError unless there is exactly one.
 
         `mesh`: element in which the identifier is sought first, because some exporters repeat the identifiers of
         sources in every mesh.
@@ -60,14 +64,20 @@ class _Document:
         return found[0]
 
     def numbers(self, element: Element | None, kind: type[Number]) -> NDArray[Number]:
-        """Return the numbers in the text of an element."""
+        """Return the numbers (n,) in the text of an element; empty for None; raise InputError for other text.
+
+        `kind`: numpy data type of the numbers.
+        """
         try:
             return np.array((element.text or "").split() if element is not None else [], dtype=kind)
         except (ValueError, OverflowError):
             raise self.error(f"<{element.tag if element is not None else ''}> holds text that is no number") from None
 
     def whole(self, element: Element, name: str, default: int) -> int:
-        """Return an attribute of an element as an integer of at least 0."""
+        """Return an attribute of an element as an integer of at least 0; raise InputError for other text.
+
+        `name`: name of the attribute; `default`: value if it is missing.
+        """
         text = element.get(name, str(default)).strip()
         if not text.isdecimal() or len(text) > _DIGITS:
             raise self.error(f"<{element.tag} {name}={text!r}> is not a whole number")
@@ -121,7 +131,11 @@ def read_collada(data: bytes, name: str) -> Triangles:
 def _placed(
     document: _Document, parent: Element, pose: NDArray[np.float64], depth: int
 ) -> Iterator[tuple[Element, NDArray[np.float64]]]:
-    """Yield every instance of a geometry below a node or scene, with its transformation (4, 4) to the root."""
+    """Yield every instance of a geometry below a node or scene, with its transformation (4, 4) to the root's frame.
+
+    `parent`: node or scene; `pose` (4, 4): transformation of `parent` to the root's frame; `depth`: number of nodes
+    above, limited by `_MAX_DEPTH`.
+    """
     if depth > _MAX_DEPTH:
         raise document.error("its nodes refer to each other")
     for child in parent:
@@ -137,7 +151,7 @@ def _placed(
 
 
 def _transformation(document: _Document, node: Element) -> NDArray[np.float64]:
-    """Return the product (4, 4) of the transformations of a node, in the order of the file."""
+    """Return the product (4, 4) of the transformations of a node, the first one in the file leftmost."""
     product = np.eye(4)
     for child in node:
         if child.tag in _TRANSFORMATIONS:
@@ -159,7 +173,10 @@ def _translation(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _rotation(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the rotation (4, 4) about an axis by an angle in degrees; `values`: axis and angle (4,)."""
+    """Return the rotation (4, 4) about an axis through the origin.
+
+    `values` (4,): axis, not necessarily of length 1, and angle in degrees.
+    """
     matrix, angle = np.eye(4), math.radians(values[3])
     x, y, z = values[:3] / (np.linalg.norm(values[:3]) or 1.0)
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
@@ -173,7 +190,7 @@ _TRANSFORMATIONS: dict[str, tuple[int, Callable[[NDArray[np.float64]], NDArray[n
     "rotate": (4, _rotation),
     "scale": (3, lambda values: np.diag([*values, 1.0])),
 }
-"""Number of values and matrix of the transformations of a node, by element."""
+"""For every name of a transformation element: number of values, and function from the values to the matrix (4, 4)."""
 
 
 def _primitives(document: _Document, geometry: Element) -> Iterator[Triangles]:
@@ -194,7 +211,11 @@ def _primitives(document: _Document, geometry: Element) -> Iterator[Triangles]:
 
 
 def _vertex_input(document: _Document, mesh: Element, primitive: Element) -> tuple[int, int, Element]:
-    """Return the number of indices of a corner, the position of the vertex index, and the source of the positions."""
+    """Return the number of indices per corner, the place of the vertex index among them, and the source of positions.
+
+    The place counts from 0. `mesh`: element that contains the primitive and its sources; `primitive`: element with the
+    corners, such as ``<triangles>``. Raises InputError for a primitive without positions.
+    """
     inputs = primitive.findall("input")
     stride = max((document.whole(each, "offset", 0) for each in inputs), default=0) + 1
     for each in inputs:
@@ -206,7 +227,7 @@ def _vertex_input(document: _Document, mesh: Element, primitive: Element) -> tup
 
 
 def _source(document: _Document, source: Element) -> NDArray[np.float64]:
-    """Return the positions (v, 3) of a source."""
+    """Return the positions (v, 3) in the array of a source, in the unit of the file."""
     accessor = source.find("technique_common/accessor")
     values = document.numbers(source.find("float_array"), np.float64)
     stride = document.whole(accessor, "stride", 1) if accessor is not None else 3
@@ -218,7 +239,10 @@ def _source(document: _Document, source: Element) -> NDArray[np.float64]:
 
 
 def _faces(document: _Document, primitive: Element, stride: int, offset: int) -> NDArray[np.int64]:
-    """Return the triangles (t, 3) of a primitive; polygons become fans around their first corner."""
+    """Return the triangles (t, 3) of a primitive, indices of positions; polygons become fans around their first corner.
+
+    `stride`: number of indices per corner; `offset`: place of the vertex index among them, from 0.
+    """
     if primitive.find("ph") is not None:
         raise document.error("a polygon has holes")
     rows = [document.numbers(each, np.int64) for each in primitive.findall("p")]
@@ -242,7 +266,11 @@ def _faces(document: _Document, primitive: Element, stride: int, offset: int) ->
 
 
 def _fans(indices: NDArray[np.int64], counts: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the triangles (t, 3) of polygons whose corners follow each other; `counts`: corners of every polygon."""
+    """Return the triangles (t, 3) of polygons, as fans around their first corners.
+
+    `indices`: vertex indices of the corners of all polygons, one polygon after the other; `counts` (polygons,): number
+    of corners of every polygon.
+    """
     first = np.cumsum(counts) - counts
     parts = np.maximum(counts - 2, 0)
     within = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)
@@ -251,5 +279,5 @@ def _fans(indices: NDArray[np.int64], counts: NDArray[np.int64]) -> NDArray[np.i
 
 
 def _rows(parts: list[NDArray[np.int64]]) -> NDArray[np.int64]:
-    """Return arrays of triangles as one array (t, 3)."""
+    """Return the concatenation (t, 3) of arrays of triangles, shape (0, 3) for an empty list."""
     return np.concatenate([np.empty((0, 3), np.int64), *parts])

@@ -18,19 +18,28 @@ from resgrid.robots.mesh_cuts import Cut, best_cut, clip, is_concave
 __all__ = ["body_of", "convex_cover", "convex_hull", "hull_of"]
 
 _LEAST_GAIN = 0.005
-"""Reduction of the cost that a cut must bring, as a fraction of the volume of the hull."""
+"""Smallest useful reduction of the cost by a cut, as a fraction of the volume of the convex hull of the mesh.
+
+The cost of a set of parts is the volume of their hulls plus the weighted depth of the surface below the hulls.
+"""
 
 _LEAST_SAVING = 0.1
-"""Fraction of the hull's volume that a cover of several pieces must save."""
+"""Fraction of the hull's volume that a cover of several pieces must save; otherwise the hull alone is the cover."""
 
 _PREFERENCE = 1.2
-"""Ratio of savings from which the principal axes of a mesh replace its own axes."""
+"""Ratio of the cost saved by the best cut along a principal axis to that along a coordinate axis of the mesh.
+
+Above this ratio, the principal axes replace the coordinate axes as directions of cuts.
+"""
 
 _SEAM = 1e-14
-"""Rounding error of the corners on a cut, as a fraction of the coordinates; added to the radius of the pieces."""
+"""Rounding error of the corners on a cut, as a fraction of the largest coordinate; added to the radius of a piece."""
 
 _MOST_SIDES = 48
-"""Maximum number of sides of the prism around a cylinder; the error then is 0.2 % of the cylinder's radius."""
+"""Maximum number of sides of the prism around a cylinder.
+
+With this number the corners of the prism lie at 0.2 % of the radius outside the cylinder.
+"""
 
 
 def body_of(name: str, joint: int, solid: Solid, *, padding: float = 0.0, pieces: int = 1) -> Body:
@@ -72,7 +81,7 @@ def body_of(name: str, joint: int, solid: Solid, *, padding: float = 0.0, pieces
 
 
 def hull_of(solid: Solid) -> ConvexPiece:
-    """Return one convex piece that contains a solid, in the frame of its body."""
+    """Return one convex piece that contains a solid, without padding, in metres in the frame of its body."""
     if solid.kind == "half_space":
         return ConvexPiece(solid.placement[np.newaxis, :3, 3].copy(), 0.0, solid.placement[:3, 2].copy())
     if solid.kind == "mesh":
@@ -82,23 +91,27 @@ def hull_of(solid: Solid) -> ConvexPiece:
 
 
 def _box(size: tuple[float, ...]) -> tuple[NDArray[np.float64], float]:
-    """Return the eight corners of a box and the radius 0; `size`: three sides in metres."""
+    """Return the corners (8, 3) of a box, centred at the origin, and the radius 0; `size`: three sides in metres."""
     return np.array(list(product((-0.5, 0.5), repeat=3))) * size, 0.0
 
 
 def _ball(size: tuple[float, ...]) -> tuple[NDArray[np.float64], float]:
-    """Return the centre of a ball and its radius."""
+    """Return the centre (1, 3) of a ball, the origin, and its radius; `size`: radius in metres."""
     return np.zeros((1, 3)), size[0]
 
 
 def _capsule(size: tuple[float, ...]) -> tuple[NDArray[np.float64], float]:
-    """Return the ends of the axis of a capsule and its radius; `size`: radius and length of the straight part."""
+    """Return the ends (2, 3) of the segment of a capsule along z, centred at the origin, and its radius.
+
+    `size`: radius and length of the straight part, in metres.
+    """
     return np.array([[0.0, 0.0, -size[1] / 2], [0.0, 0.0, size[1] / 2]]), size[0]
 
 
 def _cylinder(size: tuple[float, ...]) -> tuple[NDArray[np.float64], float]:
-    """Return the corners of a prism around a cylinder and the radius 0; `size`: radius and length.
+    """Return the corners (2 n, 3) of a prism around a cylinder along z, centred at the origin, and the radius 0.
 
+    `size`: radius and length in metres.
     A circumscribed polygon of n sides has corners at ``r / cos(pi / n)``, about ``r pi^2 / (2 n^2)`` from the circle.
     The number of sides keeps this error below `TOLERANCE` if 48 sides suffice.
     """
@@ -110,7 +123,7 @@ def _cylinder(size: tuple[float, ...]) -> tuple[NDArray[np.float64], float]:
 
 
 _CORNERS = {"box": _box, "ball": _ball, "capsule": _capsule, "cylinder": _cylinder}
-"""Functions that return corners and radius of a primitive solid, by its kind."""
+"""For every kind of primitive solid: function of its size that returns points (v, 3) and radius of a convex piece."""
 
 
 def convex_cover(points: NDArray[np.float64], triangles: NDArray[np.int32], most: int) -> tuple[ConvexPiece, ...]:
@@ -167,7 +180,11 @@ def convex_cover(points: NDArray[np.float64], triangles: NDArray[np.int32], most
 
 @dataclass(frozen=True, eq=False)
 class _Part:
-    """Triangles (t, 3, 3) of a surface inside a box, with the box (2, 3) and the best further cut."""
+    """A part of a surface inside a box.
+
+    `corners` (t, 3, 3): clipped triangles of the surface in the box; `box` (2, 3): lower and upper corner, infinite
+    where no cut bounds the box; `cut`: the cut of this part with the largest estimated gain.
+    """
 
     corners: NDArray[np.float64]
     box: NDArray[np.float64]
@@ -175,7 +192,11 @@ class _Part:
 
 
 def _axes(points: NDArray[np.float64], corners: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return three unit vectors (3, 3) as rows: the axes of the mesh, or its principal axes if they cut much better."""
+    """Return three unit vectors (3, 3) as rows, perpendicular to which a mesh is cut.
+
+    These are the coordinate axes, or the principal axes of the vertices if the best cut along one of them gains more
+    than `_PREFERENCE` times as much. `points` (v, 3): vertices; `corners` (t, 3, 3): triangles.
+    """
     centred = points - points.mean(axis=0)
     principal = np.linalg.eigh(centred.T @ centred)[1].T
     own = best_cut(corners).gain
@@ -183,7 +204,10 @@ def _axes(points: NDArray[np.float64], corners: NDArray[np.float64]) -> NDArray[
 
 
 def _parts(surface: NDArray[np.float64], most: int) -> list[_Part]:
-    """Return at most `most` parts of a surface (t, 3, 3), cut where it reduces the cost of the hulls most."""
+    """Return at most `most` parts of a surface (t, 3, 3); repeatedly cut the part whose cut gains most.
+
+    The division ends when no cut gains more than `_LEAST_GAIN` of the volume of the surface's hull.
+    """
     least = _LEAST_GAIN * facets_of(surface.reshape(-1, 3)).volume
     parts = [_part(surface, np.array([[-np.inf] * 3, [np.inf] * 3]), least)]
     while len(parts) < most:
@@ -195,10 +219,11 @@ def _parts(surface: NDArray[np.float64], most: int) -> list[_Part]:
 
 
 def _part(corners: NDArray[np.float64], box: NDArray[np.float64], least: float) -> _Part:
-    """Return a part with the cut that gains most, alone or on average with two further cuts after it.
+    """Return a part of a surface with the cut that gains most, alone or on average with two further cuts after it.
 
     The further cuts matter for rings: two halves have hulls as large as the ring's hull, four quarters have smaller
-    ones.  `least`: smallest useful gain in cubic metres.
+    ones.  `corners` (t, 3, 3): triangles in the box; `box` (2, 3): lower and upper corner; `least`: smallest useful
+    gain, in cubic metres.
     """
     cut = best_cut(corners)
     if is_concave(corners, least):
@@ -211,7 +236,10 @@ def _part(corners: NDArray[np.float64], box: NDArray[np.float64], least: float) 
 
 
 def _halves(part: _Part, least: float) -> list[_Part]:
-    """Return both sides of a part's cut; `least`: smallest useful gain in cubic metres."""
+    """Return the two parts into which a part's cut divides it, the lower one first.
+
+    `least`: smallest useful gain of the further cuts, in cubic metres.
+    """
     halves = []
     for side in (-1, 1):
         box = part.box.copy()
@@ -221,7 +249,10 @@ def _halves(part: _Part, least: float) -> list[_Part]:
 
 
 def _piece(part: _Part, surface: NDArray[np.float64]) -> ConvexPiece | None:
-    """Return the convex piece of a part of a surface (t, 3, 3); None if the part contains nothing."""
+    """Return the hull of a part's triangles and of the corners of its box that the surface encloses.
+
+    `surface` (t, 3, 3): the whole surface. The result is None if there are neither triangles nor such corners.
+    """
     points = part.corners.reshape(-1, 3)
     corners = np.array(list(product(*part.box.T)))
     corners = corners[np.isfinite(corners).all(axis=1)]
@@ -235,7 +266,7 @@ def _piece(part: _Part, surface: NDArray[np.float64]) -> ConvexPiece | None:
 
 
 def _volume(piece: ConvexPiece) -> float:
-    """Return the volume of the core of a piece in cubic metres."""
+    """Return the volume of the convex hull of a piece's points in cubic metres, without its radius."""
     return facets_of(piece.points).volume
 
 

@@ -25,7 +25,10 @@ _FACES = np.array(
     [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4],
      [1, 5, 7], [1, 7, 3]]
 )  # fmt: skip
-"""Corners (8, 3) and outward triangles (12, 3) of the unit cube."""
+"""Triangles (12, 3) of a box, anticlockwise seen from outside, as numbers of corners (rows of `_CORNERS`).
+
+The three numbers in a row of `_CORNERS` select the lower (0) or the upper (1) coordinate x, y and z.
+"""
 
 Triangles = tuple[NDArray[np.float64], NDArray[np.int64]]
 """Points (v, 3) and triangles (t, 3)."""
@@ -94,7 +97,10 @@ def _boxes(corners: NDArray[np.float64]) -> Triangles:
 
 
 def _half_circle(radius: float, length: float) -> NDArray[np.float64]:
-    """Return the profile (distance from the axis, height) of a ball or of a capsule whose segment has a length."""
+    """Return the profile (n, 2) of a ball or capsule: distance from the axis and coordinate z, lowest point first.
+
+    The shape is centred at the origin. `length`: length of the capsule's segment, 0 for a ball.
+    """
     angle = np.linspace(-np.pi / 2, np.pi / 2, SIDES // 2 + 1)
     profile = radius * np.column_stack([np.cos(angle), np.sin(angle)])
     profile[[0, -1], 0] = 0.0
@@ -126,7 +132,11 @@ def _revolved(pose: NDArray[np.float64], profile: NDArray[np.float64]) -> Triang
 
 @cache
 def _ring_triangles(rings: int) -> NDArray[np.int64]:
-    """Return the triangles between rings of `SIDES` points, and those of the caps at the two last points."""
+    """Return the triangles (t, 3) between successive rings of `SIDES` points each, and of the caps at both ends.
+
+    `rings`: number of rings. Points are numbered ring by ring from the lowest on, then the lowest and the highest point
+    on the axis, the tips of the caps.
+    """
     here = np.arange(SIDES)
     following, bottom, top = (here + 1) % SIDES, rings * SIDES, rings * SIDES + 1
     parts = [np.column_stack([following, here, np.full(SIDES, bottom)])]

@@ -6,7 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 ESCAPES = 0.1
-"""Fraction of escaping rays from which a point counts as outside, so that small holes are closed."""
+"""Fraction of rays from a point that miss the surface, from which on the point counts as outside.
+
+Below this fraction it counts as inside, so that small holes in the surface do not matter.
+"""
 
 _RAYS = 128
 """Number of rays from every point."""
@@ -34,12 +37,13 @@ def enclosed(points: NDArray[np.float64], corners: NDArray[np.float64]) -> NDArr
     Returns
     -------
     ndarray of bool, shape (n,)
+        True for points inside; all False without triangles.
     """
     return np.array([_is_enclosed(point, corners) for point in points], dtype=np.bool_)
 
 
 def _is_enclosed(point: NDArray[np.float64], corners: NDArray[np.float64]) -> bool:
-    """Return whether few rays from one point (3,) escape through the triangles (t, 3, 3)."""
+    """Return whether fewer than a tenth of 128 rays from one point (3,) miss all triangles (t, 3, 3)."""
     if not len(corners):
         return False
     low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
@@ -58,9 +62,10 @@ def _is_enclosed(point: NDArray[np.float64], corners: NDArray[np.float64]) -> bo
 def _blocked(
     point: NDArray[np.float64], rays: NDArray[np.float64], corners: NDArray[np.float64], widening: float
 ) -> NDArray[np.bool_]:
-    """Return which rays (r, 3) from a point hit a triangle (t, 3, 3) or pass within a distance of its edges.
+    """Return the mask (r,) of rays from a point that hit a triangle or pass within a distance of its edges.
 
-    The point is seen from the triangle's sides: a ray hits if it has all three edges on the same side.
+    A ray hits a triangle if it passes all three edges on the same side. `point` (3,): start of the rays; `rays` (r, 3):
+    unit vectors; `corners` (t, 3, 3): triangles; `widening`: the distance, in the unit of the coordinates.
     Source: triple products of Plücker coordinates (Platis & Theoharis 2003).
     """
     a, b, c = (corners[:, index] - point for index in range(3))

@@ -208,7 +208,7 @@ def edges_of(rings: Iterable[ArrayLike]) -> NDArray[np.float64]:
 
 
 def _unit_normal(half_plane: HalfSpace) -> NDArray[np.float64]:
-    """Return the unit normal of a half-plane, followed by its offset in metres for this normal, shape (ndim + 1,)."""
+    """Return the unit normal ``n`` of a half-space ``n @ x <= d``, followed by ``d`` in metres, shape (ndim + 1,)."""
     return np.array([*half_plane.normal, half_plane.offset]) / hypot(*half_plane.normal)
 
 

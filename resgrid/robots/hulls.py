@@ -12,42 +12,56 @@ from resgrid.errors import InputError
 from resgrid.robots.convex import ConvexPiece
 
 TOLERANCE = 2e-4
-"""Distance in metres up to which a corner may lie outside the hull of the kept corners; the radius makes up for it."""
+"""Largest distance in metres of a corner that is left out from the hull of the kept corners.
+
+The piece gets the largest such distance as its radius, so that it still contains all points.
+"""
 
 _FEW = 16
 """Number of corners up to which a hull keeps all of them."""
 
 _MANY = 96
-"""Number of corners from which a hull takes the coarser tolerance, because the cost of proofs grows with them."""
+"""Number of kept corners from which on `_COARSE` times the tolerance is accepted.
+
+The cost of proofs grows with the number of corners.
+"""
 
 _COARSE = 10
-"""Ratio of the tolerance for hulls of many corners to the tolerance for hulls of few corners."""
+"""Ratio of the tolerance for hulls of at least `_MANY` kept corners to the tolerance for hulls of fewer corners."""
 
 _BATCH = 0.9
-"""Fraction of the largest distance from which corners are added at once: more at once are more than necessary."""
+"""Fraction of the largest distance from the present hull above which corners are added in one step.
+
+A lower fraction adds corners that the hull no longer needs after the step.
+"""
 
 _FLAT = 1e-9
-"""Extent, as a fraction of the largest extent, below which a point set counts as flat in a direction."""
+"""Extent of a point set along a principal axis, as a fraction of the largest one, below which it counts as flat."""
 
 _ROUNDING = 1e-9
-"""Tolerance in metres of the check that a piece contains its points."""
+"""Distance in metres by which a point may lie outside its piece due to rounding; beyond it AssertionError is raised."""
 
 _PLANE_ROUNDING = 1e-12
-"""Height in metres above the planes of all faces up to which a point counts as inside."""
+"""Height in metres above the plane of a face up to which a point counts as below it; a point inside is below all."""
 
 _BLOCK = 200_000
 """Maximum number of pairs of a point and a triangle that are held in memory at once."""
 
 DIRECTIONS = np.array([d for d in product((-1.0, 0.0, 1.0), repeat=3) if any(d)])
-"""Directions of the first corners that a simplified hull keeps: to the faces, edges and corners of a cube."""
+"""The 26 directions (26, 3), not normalized, from the centre of a cube to its faces, edges and corners.
+
+A simplified hull keeps the extreme corner in each of these directions.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class Facets:
-    """A convex hull: corners (v, 3), triangles (t, 3) of its surface, and planes ``(n, d)`` (f, 4) of its faces.
+    """A convex hull of points in space.
 
-    The planes satisfy ``n @ x + d <= 0`` inside.  Face i consists of the triangles ``first[i]`` to ``first[i] +
-    counts[i]`` (excluded).  A flat hull has triangles, but no planes.  `volume` is in cubic metres.
+    `corners` (v, 3): corners in metres; `triangles` (t, 3): triangles of the surface, as indices of corners; `planes`
+    (f, 4): unit normal ``n`` and number ``d`` of every face, with ``n @ x + d <= 0`` inside; `first, counts` (f,): face
+    i consists of the triangles ``first[i]`` to ``first[i] + counts[i] - 1``; `volume`: in cubic metres.  A flat hull
+    has triangles, but no faces, and the volume 0.
     """
 
     corners: NDArray[np.float64]
@@ -138,7 +152,10 @@ def facets_of(points: NDArray[np.float64]) -> Facets:
 
 
 def _extent(points: NDArray[np.float64]) -> tuple[int, NDArray[np.float64]]:
-    """Return the number of dimensions in which points (v, 3) extend, and unit vectors (3, 3), longest extent first."""
+    """Return the number of dimensions in which points (v, 3) extend, and their principal axes, longest extent first.
+
+    The axes are the rows of an array (3, 3), unit vectors. Points in a plane extend in 2 dimensions, equal points in 0.
+    """
     centred = points - points.mean(axis=0)
     _, axes = np.linalg.eigh(centred.T @ centred)
     axes = axes.T[::-1]
@@ -147,9 +164,10 @@ def _extent(points: NDArray[np.float64]) -> tuple[int, NDArray[np.float64]]:
 
 
 def _simplified(hull: Facets, tolerance: float) -> Facets:
-    """Return a hull of fewer corners, from which every corner of `hull` is at most `tolerance` away.
+    """Return a hull of fewer corners, from which every corner of `hull` is at most `tolerance` metres away.
 
-    Start with the extreme corners in 26 directions, and add, for every facet, the corner that lies farthest outside.
+    With 96 or more kept corners, ten times the tolerance is accepted. The kept corners are at first the extreme ones in
+    26 directions; steps add, for every face, the corner that lies farthest outside. A flat hull is returned unchanged.
     """
     if not len(hull.planes):
         return hull
@@ -183,7 +201,10 @@ def distances(points: NDArray[np.float64], hull: Facets) -> NDArray[np.float64]:
 
 
 def _block_distances(points: NDArray[np.float64], hull: Facets) -> NDArray[np.float64]:
-    """Return `distances` of a block of points (v, 3) whose product with the number of triangles is bounded."""
+    """Return upper bounds (v,) of the distances of points (v, 3) from a hull; 0 inside.
+
+    The number of points times the number of triangles determines the memory, and is limited by the caller.
+    """
     if not len(hull.planes):
         pairs = np.repeat(points, len(hull.triangles), axis=0)
         triangles = np.tile(hull.corners[hull.triangles], (len(points), 1, 1))

@@ -77,7 +77,10 @@ def _near_polygon(ax: float, ay: float, bx: float, by: float, reach: float, edge
 
 @inner
 def near_solids(ax: float, ay: float, bx: float, by: float, reach: float, solids: ObstacleArrays) -> bool:
-    """Return whether the segment from a to b comes within a distance `reach`, in metres, of one of the `solids`."""
+    """Return whether the segment from a to b comes within a distance `reach`, in metres, of one of the `solids`.
+
+    `ax, ay, bx, by`: coordinates of a and b, in metres.
+    """
     left, right = min(ax, bx) - reach, max(ax, bx) + reach
     low, high = min(ay, by) - reach, max(ay, by) + reach
     for k in range(len(solids.bounds)):
@@ -127,7 +130,8 @@ def _displacement_bound(
     translates all further links, so that the displacements add up.
 
     `joints`: positions of the joints in the configuration at the cell's centre, in metres; `chords` (n,):
-    ``2 sin(t / 2)`` for the largest turn ``t`` of every joint; `lengths` (n,): lengths of the links, in metres.
+    ``2 sin(t / 2)`` for the largest turn ``t`` of every joint from the centre; `lengths` (n,): lengths of the links, in
+    metres; `relative`: whether joint angles are measured from the previous link.
     """
     total = 0.0
     for j in range(first, link + 1):
@@ -149,8 +153,8 @@ def _may_collide(
 
     `joints` (link + 2, 2): joint positions in the configuration at the cell's centre, in metres; `link`: index of the
     link; `chords` (n,): ``2 sin(t / 2)`` for the largest turn ``t`` of every joint within the cell; `relative_chords`
-    (n,): work array; `self_collision`: whether links are tested against each other; `slack`: bound on the rounding
-    error of distances, in metres.
+    (n,): work array; `links`: the arm; `self_collision`: whether links are tested against each other; `slack`: bound on
+    the rounding error of distances, in metres; `solids`: the obstacles.
     """
     radii, lengths, relative = links.radii, links.lengths, links.relative
     ax, ay, bx, by = joints[link, 0], joints[link, 1], joints[link + 1, 0], joints[link + 1, 1]
@@ -183,8 +187,8 @@ def mark_link(
     Cells that are marked already are skipped.
     `out` (product of counts[:link + 1],): flat mask; `first, last`: range of cells to test; `counts` (n,): number of
     cells per joint; `centres` (n, max(counts)): joint angles of cell centres; `widths` (n,): cell widths in radians;
-    `self_collision`: whether links are tested against each other; `slack`: bound on the rounding error of distances, in
-    metres.
+    `links`: the arm; `self_collision`: whether links are tested against each other; `slack`: bound on the rounding
+    error of distances, in metres; `solids`: the obstacles.
     """
     joints = np.empty((link + 2, 2))
     middle, angles, scratch = np.empty(link + 1), np.empty(link + 1), np.zeros(link + 1)

@@ -19,7 +19,7 @@ from resgrid.errors import InputError
 from resgrid.robots.bounded import Bounded, Bounds
 
 MOST_PIECES = 256
-"""Largest number of convex pieces of a mesh."""
+"""Largest value of the parameter `pieces` of a mesh, the maximum number of convex sets that cover it."""
 
 
 @checked

@@ -14,10 +14,10 @@ from resgrid.robots.box_distances import distance_from_boxes
 from resgrid.robots.mesh import Mesh
 
 BATCH = 1 << 17
-"""Number of pairs of a triangle and a cell that are tested at once."""
+"""Approximate number of pairs of a triangle and a cell that are tested at once, which limits the memory."""
 
 CHUNK = 1024
-"""Number of triangles whose surroundings are searched for cells at once."""
+"""Number of triangles whose surroundings are searched for cells at once, which limits the memory."""
 
 
 def near_mesh(
@@ -115,10 +115,13 @@ def _surface_gap(
     reach: float,
     spacing: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Return the distance of every cell (block of cells) from the cells that meet a triangle.
+    """Return the distance of every cell (block of cells), in axis units, from the cells that meet a triangle.
 
-    Cells beyond the block count too if they are within `reach` of it.  The distance of a cell from the surface is at
-    least this number, and exceeds it by at most the diagonal of a cell.
+    Cells beyond the block that meet a triangle count too if they are within `reach` of the block.  The distance of a
+    cell from the surface is at least the returned number, and exceeds it by at most the diagonal of a cell.  The result
+    is infinite if no such cell meets a triangle.
+    `corners` (t, 3, 3): vertices of the triangles; `lines`: centres of the cells along every axis; `reach`: distance;
+    `spacing` (3,): distances between centres; all in axis units.
     """
     low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
     first, wide = [], []
@@ -139,9 +142,9 @@ def _surface_gap(
 def _ranges(
     lines: Sequence[NDArray[np.float64]], lower: NDArray[np.float64], upper: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the first index and the number of centres in intervals along every axis, each (t, axes).
+    """Return the index of the first centre, and the number of centres, in t boxes along every axis, each (t, axes).
 
-    `lines`: centres along every axis, increasing; `lower, upper` (t, axes): ends of the intervals.
+    `lines`: centres along every axis, increasing; `lower, upper` (t, axes): lower and upper corners of the boxes.
     """
     first = np.column_stack([np.searchsorted(line, ends) for line, ends in zip(lines, lower.T, strict=True)])
     last = np.column_stack(
@@ -174,8 +177,8 @@ def _triangles_near(
 ) -> NDArray[np.bool_]:
     """Return the mask (n,) of pairs of a triangle and a box that are not farther apart than a distance.
 
-    The bounding boxes are not farther apart.  `corners` (n, 3, 3): vertices; `centres` (n, 3): centres of the boxes;
-    `half` (3,): half their widths; `reach`: distance, in axis units.
+    The caller excludes pairs whose bounding boxes are farther apart.  `corners` (n, 3, 3): vertices of the triangles;
+    `centres` (n, 3): centres of the boxes; `half` (3,): half their widths; `reach`: distance, in axis units.
     """
     near = np.ones(len(corners), dtype=np.bool_)
     local = corners - centres[:, np.newaxis]  # the box is centred at the origin
@@ -218,9 +221,10 @@ def _drop_apart(
 
 
 def nearest_on_triangles(corners: NDArray[np.float64], point: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the nearest points (n, 3) of triangles (n, 3, 3) to a point (3,) or to points (n, 3).
+    """Return the nearest points (n, 3) of triangles (n, 3, 3) to a point (3,), or of each triangle to its point (n, 3).
 
-    The nearest of the nearest points of the three edges, unless the foot on the plane lies inside the triangle.
+    The result is the foot of the perpendicular on the triangle's plane if it lies inside the triangle, otherwise the
+    nearest point on the three edges.
     """
     best = np.full(len(corners), np.inf)
     nearest = np.empty((len(corners), 3))
@@ -243,7 +247,7 @@ def nearest_on_triangles(corners: NDArray[np.float64], point: NDArray[np.float64
 
 
 def _enclosed(mesh: Mesh, lines: Sequence[NDArray[np.float64]]) -> NDArray[np.bool_]:
-    """Return the mask (block of cells) of centres around which the closed parts of a mesh wind.
+    """Return the mask (block of cells) of centres around which the closed parts of a mesh wind: the centres inside.
 
     Rays along x through all centres count the crossed triangles with the sign of their orientation.  Edges that a ray
     meets exactly belong to one of their triangles, because each edge is evaluated in the order of its vertices.
@@ -268,7 +272,8 @@ def _crossings(
 ) -> NDArray[np.int32]:
     """Return how often edges, projected along x, cross rays from (y, z) along y: 1 upwards, -1 downwards, 0 for none.
 
-    `start, end` (n,): vertices of the edges; `y, z` (n,): starts of the rays.
+    The result has shape (n,); edge and ray correspond.  `mesh`: gives the coordinates of vertices; `start, end` (n,):
+    indices of the vertices of the edges; `y, z` (n,): starts of the rays, in axis units.
     """
     low, high = mesh.points[np.minimum(start, end), 1:], mesh.points[np.maximum(start, end), 1:]
     crosses = (low[:, 1] > z) != (high[:, 1] > z)

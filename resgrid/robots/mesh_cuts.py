@@ -10,21 +10,28 @@ from numpy.typing import NDArray
 from resgrid.robots.hulls import DIRECTIONS
 
 _POSITIONS = 9
-"""Number of equidistant positions of a cut along every axis that are compared first."""
+"""Number of equidistant positions of a cut that are compared first, along each of the three axes."""
 
 _REFINED = 8
-"""Maximum number of positions at vertices near the best position that are compared."""
+"""Maximum number of positions at vertices, near the best equidistant position, that are compared next."""
 
 _SAMPLE = 140
 """Number of points on the surface, and maximum number of vertices, from which costs are estimated."""
 
 _WEIGHT = 0.2
-"""Weight of the integral of the depth in the cost of a hull."""
+"""Factor of the depth in the cost of a hull: volume plus this factor times the depth integrated over the surface.
+
+The depth is the distance of a point of the surface below the nearest face of the hull.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class Cut:
-    """A plane ``x[axis] = position``, and the estimated reduction of the cost in cubic metres; see `best_cut`."""
+    """A cut of a surface by the plane ``x[axis] = position``.
+
+    `gain`: estimated reduction, in cubic metres, of the cost of the convex hulls by the cut, 0 if no cut reduces it.
+    The cost is the volume of the hulls plus the weighted depth of the surface below them.
+    """
 
     axis: int
     position: float
@@ -59,14 +66,19 @@ def clip(corners: NDArray[np.float64], axis: int, position: float, side: int) ->
 def _crossing(
     a: NDArray[np.float64], b: NDArray[np.float64], high_a: NDArray[np.float64], high_b: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the points (n, 3) between a and b at height 0; the heights have different signs."""
+    """Return the points (n, 3) at height 0 on the segments from `a` to `b`, (n, 3) each.
+
+    `high_a, high_b` (n,): heights of the ends, of different signs; the height is linear along a segment.
+    """
     part = high_a / (high_a - high_b)
     return a + part[:, np.newaxis] * (b - a)
 
 
 def best_cut(corners: NDArray[np.float64]) -> Cut:
-    """Return the axis-parallel cut of triangles (t, 3, 3) that reduces the cost of their hulls most; see `_costs`.
+    """Return the cut of triangles (t, 3, 3), perpendicular to an axis, that reduces the cost of their hulls most.
 
+    The cost of a hull is its volume plus the weighted depth of the surface below it. The gain is 0 if no cut reduces
+    the cost.
     Positions at vertices are compared too, because the concave edges of machine parts lie there.
     """
     if not len(corners):
@@ -89,7 +101,10 @@ def best_cut(corners: NDArray[np.float64]) -> Cut:
 
 @dataclass(frozen=True, eq=False)
 class _Sample:
-    """Points (n, 3) on a surface, and the area (n,) that each one stands for in square metres; 0 for vertices."""
+    """Points on a surface from which costs are estimated: vertices, then points inside triangles.
+
+    `points` (n, 3): in metres; `area` (n,): area in square metres that each point stands for, 0 for vertices.
+    """
 
     points: NDArray[np.float64]
     area: NDArray[np.float64]
@@ -98,7 +113,11 @@ class _Sample:
 def _better(
     best: Cut, corners: NDArray[np.float64], sample: _Sample, whole: float, axis: int, positions: NDArray[np.float64]
 ) -> Cut:
-    """Return the best of a cut and of the cuts of triangles (t, 3, 3) along an axis; `whole`: cost without a cut."""
+    """Return the cut with the largest gain among `best` and the cuts perpendicular to an axis at some positions.
+
+    `corners` (t, 3, 3): cut triangles; `sample`: points on them; `whole`: cost without a cut, in cubic metres;
+    `positions` (p,): coordinates along the axis, in metres.
+    """
     for position in positions:
         seam = _seam(corners, axis, float(position))
         cost = 0.0
@@ -111,7 +130,10 @@ def _better(
 
 
 def _seam(corners: NDArray[np.float64], axis: int, position: float) -> NDArray[np.float64]:
-    """Return points (n, 3) at which edges of triangles (t, 3, 3) cross a plane; not all of them if they are many."""
+    """Return points (n, 3) at which edges of triangles (t, 3, 3) cross the plane ``x[axis] = position``.
+
+    Of many crossing points only some 140 of each of the three edges are returned, evenly chosen.
+    """
     height = corners[:, :, axis] - position
     points = [np.empty((0, 3))]
     for first, second in ((0, 1), (1, 2), (2, 0)):
@@ -124,7 +146,10 @@ def _seam(corners: NDArray[np.float64], axis: int, position: float) -> NDArray[n
 
 
 def is_concave(corners: NDArray[np.float64], least: float) -> bool:
-    """Return whether triangles (t, 3, 3) lie below their hull: by an integral of the depth above `least` (m^3)."""
+    """Return whether triangles (t, 3, 3) lie clearly below the surface of their convex hull.
+
+    This is the case if the weighted depth below the hull, integrated over the triangles, exceeds `least` cubic metres.
+    """
     if not len(corners):
         return False
     sample = _sample(corners)
@@ -134,7 +159,8 @@ def is_concave(corners: NDArray[np.float64], least: float) -> bool:
 def _costs(points: NDArray[np.float64], area: NDArray[np.float64]) -> tuple[float, float]:
     """Return the costs of the convex hull of points (n, 3) in cubic metres: volume, and weighted depth of a surface.
 
-    The last points (m,) stand for an area in square metres each, whose depth below the hull is integrated.
+    `area` (m,): area in square metres that each of the last m points stands for; their depth below the hull, times this
+    area and `_WEIGHT`, is summed. Both costs are 0 for fewer than five points, and for points in a plane.
     In contrast to the volume, the depth can also fall when a cut leaves the total volume of the hulls unchanged.
     """
     from scipy.spatial import ConvexHull, QhullError
@@ -151,7 +177,10 @@ def _costs(points: NDArray[np.float64], area: NDArray[np.float64]) -> tuple[floa
 
 
 def _sample(corners: NDArray[np.float64]) -> _Sample:
-    """Return vertices of triangles (t, 3, 3), and points spread evenly over their area."""
+    """Return a sample of the surface of triangles (t, 3, 3): vertices, and 140 points spread evenly over the area.
+
+    Of more than 140 vertices about 140 are chosen, and the extreme ones in 26 directions.
+    """
     vertices = corners.reshape(-1, 3)
     if len(vertices) > _SAMPLE:
         extreme = np.concatenate(

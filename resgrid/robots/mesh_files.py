@@ -23,7 +23,7 @@ FORMATS = (".stl", ".obj", ".ply", ".dae")
 """Suffixes of the supported mesh formats, in lower case."""
 
 MAX_BYTES = 1 << 29
-"""Maximum size of a mesh file, in bytes."""
+"""Maximum size of a mesh file, in bytes; larger files raise InputError."""
 
 
 def read_mesh(file: Path) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
@@ -86,7 +86,7 @@ def import_trimesh(file: Path, kind: str) -> Any:
     """Return the module trimesh, whose log messages are not printed; raise ToolMissingError if it is not installed.
 
     Without a handler, Python prints the tracebacks that trimesh logs for damaged files.
-    `file`, `kind`: name and format of the file, for the message.
+    `file`, `kind`: path and format (such as ``"PLY"``) of the file, for the message.
     """
     try:
         trimesh: Any = import_module("trimesh")
@@ -101,7 +101,10 @@ def import_trimesh(file: Path, kind: str) -> Any:
 
 
 def _read_ply(file: Path, data: bytes) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
-    """Return the vertices and triangles that trimesh reads from the bytes of a PLY file."""
+    """Return the vertices (v, 3) and triangles (t, 3) that trimesh reads from the bytes of a PLY file.
+
+    Raises InputError for a damaged file. `file`: path of the file, for messages.
+    """
     trimesh = import_trimesh(file, "ply")
     try:
         mesh = trimesh.load(io.BytesIO(data), file_type="ply", force="mesh", process=False)

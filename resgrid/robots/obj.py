@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from resgrid.errors import InputError
 
 _MOST = 1 << 31
-"""Limit of the number of vertices."""
+"""Upper bound (exclusive) of the index of a vertex; a larger index raises InputError."""
 
 _CURVED = ("surf", "bsp", "bzp", "cdc", "cdp", "res", "call")
-"""Elements with an area that are no polygons, and the inclusion of other files."""
+"""Keywords that raise InputError: surfaces that are no polygons, and the inclusion of other files (``call``)."""
 
 
 def read_obj(data: bytes, name: str) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
@@ -63,7 +63,11 @@ def read_obj(data: bytes, name: str) -> tuple[NDArray[np.float64], NDArray[np.in
 
 
 def _vertex(words: list[str], place: str) -> list[float]:
-    """Return the three coordinates of a vertex; a weight or colour after them is ignored."""
+    """Return the three coordinates of a vertex; a weight or colour after them is ignored.
+
+    `words`: words of the line after the keyword ``v``; `place`: file and line, for messages. Raises InputError for
+    fewer than three finite numbers.
+    """
     try:
         x, y, z = (float(word) for word in words[:3])
     except ValueError:
@@ -72,8 +76,9 @@ def _vertex(words: list[str], place: str) -> list[float]:
 
 
 def _index(word: str, count: int, place: str) -> int:
-    """Return the index of a vertex, from 0, of a corner such as ``"3/1/2"``; `count`: number of vertices above.
+    """Return the index of a vertex, from 0, of a corner such as ``"3/1/2"``; raise InputError for other words.
 
+    `count`: number of vertices above the face in the file; `place`: file and line, for messages.
     Positive numbers count from 1, and may refer to vertices below the face.  Negative numbers count back from the last
     vertex above the face.
     """

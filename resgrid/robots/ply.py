@@ -7,16 +7,16 @@ import re
 from resgrid.errors import InputError
 
 _ELEMENT = re.compile(rb"^element\s+\S+\s+(\d+)", re.MULTILINE)
-"""Pattern of the line in a PLY header that holds the number of vertices, faces or other elements."""
+"""Pattern of a line in a PLY header that declares an element: vertices, faces or others; group 1 is their number."""
 
 _FACES = re.compile(rb"^element\s+face\s+(\d+)", re.MULTILINE)
-"""Pattern of the line in a PLY header that holds the number of faces."""
+"""Pattern of the line in a PLY header that declares the faces; group 1 is their number."""
 
 _VERTICES = re.compile(rb"^element\s+vertex\s+0*[1-9]\d*\s*?$(.*?)(?=^element\s|\Z)", re.MULTILINE | re.DOTALL)
-"""Pattern of the lines of a PLY header that declare the vertices and their properties."""
+"""Pattern of the lines of a PLY header that declare at least one vertex; group 1 holds the lines of properties."""
 
 _PROPERTY = re.compile(rb"^property\s.*?(\S+)\s*?$", re.MULTILINE)
-"""Pattern of the line in a PLY header that declares a property, with its name."""
+"""Pattern of the line in a PLY header that declares a property; group 1 is its name."""
 
 
 def check_ply(data: bytes, name: str) -> None:

@@ -62,7 +62,10 @@ class PointRobot(Robot):
 
     @property
     def shrunk(self) -> PointRobot:
-        """The robot with a thousandth of the radius, with which messages test whether a smaller radius would help."""
+        """Copy of the robot with a thousandth of the radius.
+
+        An error message uses the copy to find out whether a smaller radius would leave free cells.
+        """
         return PointRobot(self.radius / 1000)
 
     def parts(self, configurations: NDArray[np.float64]) -> list[RigidPart]:

@@ -24,7 +24,10 @@ if TYPE_CHECKING:
     from resgrid.robots.kernels import CellPlane
 
 PARTS = 3
-"""Number of equal parts into which the heading range of a cell is divided with the rule ``"conservative"``."""
+"""Number of equal parts into which the heading range of a cell is divided with the rule ``"conservative"``.
+
+Each part is tested with the largest motion within the part; a cell is free if all its parts are.
+"""
 
 
 @checked

@@ -17,7 +17,10 @@ from numpy.typing import NDArray
 from resgrid.robots.solids import Capsule, Cylinder, OrientedBox, rotation_matrix
 
 ITERATIONS = 60
-"""Number of projections in the search for a direction that separates a cell from a cylinder."""
+"""Number of projections in the search for a direction that separates a cell's box from a cylinder.
+
+A cell for which the search fails is marked as an obstacle.
+"""
 
 Vectors = NDArray[np.float64]
 """Points or directions in space, shape (n, 3)."""
@@ -48,7 +51,10 @@ def near_convex(
 
 
 def nearest_point(shape: Cylinder | Capsule | OrientedBox) -> Callable[[Vectors], Vectors]:
-    """Return a function from points (n, 3) to the nearest points (n, 3) of a solid, of a capsule of its segment."""
+    """Return a function from points (n, 3) to the nearest points (n, 3) of a solid, the projection on the solid.
+
+    For a capsule, the function returns the nearest points of the capsule's segment.
+    """
     if isinstance(shape, OrientedBox):
         turn, extent, centre = rotation_matrix(shape.rotation), np.array(shape.size) / 2, np.array(shape.centre)
         return lambda points: np.asarray(np.clip((points - centre) @ turn, -extent, extent) @ turn.T + centre)
@@ -67,7 +73,10 @@ def nearest_point(shape: Cylinder | Capsule | OrientedBox) -> Callable[[Vectors]
 
 
 def _distance(shape: Cylinder | Capsule | OrientedBox, points: Vectors) -> NDArray[np.float64]:
-    """Return the distances (n,) of points (n, 3) from a solid, of a capsule from its segment; exactly 0 inside."""
+    """Return the distances (n,) of points (n, 3) from a solid, in axis units; exactly 0 inside.
+
+    For a capsule, the distances are those from the capsule's segment, not less its radius.
+    """
     if isinstance(shape, OrientedBox):
         local = (points - np.array(shape.centre)) @ rotation_matrix(shape.rotation)
         return np.asarray(np.linalg.norm(np.maximum(np.abs(local) - np.array(shape.size) / 2, 0.0), axis=1))
@@ -86,7 +95,8 @@ def _near_cylinder(
 
     Accelerated projections (Nesterov) minimize the distance of a point of the box from the cylinder, which is convex;
     the vector between the two nearest points is the direction of the proof.
-    `nearest`: projection on the cylinder; `centres` (n, 3): centres of the boxes; `half` (3,): half their widths.
+    `nearest`: function that returns the nearest points of the cylinder; `centres` (n, 3): centres of the boxes; `half`
+    (3,): half their widths; all lengths are in axis units.
     """
     near = np.ones(len(centres), dtype=np.bool_)
     left, at = np.arange(len(centres)), centres.copy()
@@ -112,7 +122,7 @@ def _near_cylinder(
 
 
 def _cylinder_support(shape: Cylinder, directions: Vectors) -> NDArray[np.float64]:
-    """Return the largest projection (n,) of a cylinder's points on unit directions (n, 3)."""
+    """Return the largest scalar product (n,) of a point of the cylinder with unit directions (n, 3), in axis units."""
     axis = np.subtract(shape.end, shape.start)
     unit = axis / np.linalg.norm(axis)
     slope = directions @ unit
@@ -129,7 +139,8 @@ def _polytope_gap(
 ) -> NDArray[np.float64]:
     """Return the distances (n,) of boxes from an oriented box or a capsule's segment; not positive if they meet.
 
-    `nearest`: projection on the polytope; `centres` (n, 3): centres of the boxes; `half` (3,): half their widths.
+    `nearest`: function that returns the nearest points of the oriented box or segment; `centres` (n, 3): centres of the
+    boxes; `half` (3,): half their widths; all lengths are in axis units.
     """
     if isinstance(shape, Capsule):
         corners = np.array([shape.start, shape.end], dtype=np.float64)

@@ -170,7 +170,7 @@ def rotation_matrix(rotation: ArrayLike) -> NDArray[np.float64]:
 
 
 def _cosines_and_sines(angles: NDArray[np.float64]) -> tuple[list[float], list[float]]:
-    """Return cosines and sines of angles (3,), exactly 0 and 1 at multiples of a right angle.
+    """Return cosines and sines of angles (3,), exactly 0, 1 or -1 at multiples of a right angle.
 
     Otherwise a box that is turned by pi / 2 would extend beyond borders between cells by rounding errors.
     """
@@ -191,7 +191,10 @@ def rigid_pose(position: ArrayLike, rotation: ArrayLike) -> NDArray[np.float64]:
 
 
 def _require_axis(kind: str, start: SpacePoint, end: SpacePoint, remedy: str = "") -> None:
-    """Raise InputError unless the two ends of the axis of a shape differ; `kind`: name of the shape."""
+    """Raise InputError unless the two ends of the axis of a shape differ.
+
+    `kind`: name of the shape; `remedy`: end of the message.
+    """
     if not dist(start, end) >= 1 / LARGEST:
         raise InputError(f"the ends of a {kind} must differ, but both are {tuple(start)}; move one of them{remedy}")
 

@@ -14,17 +14,17 @@ from numpy.typing import NDArray
 from resgrid.errors import InputError
 
 _HEAD, _FACET = 84, 50
-"""Bytes of the head of a binary file, which ends with the number of triangles, and of every triangle."""
+"""Number of bytes of the head of a binary file, which ends with the number of triangles, and of every triangle."""
 
 _RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-"""A triangle of a binary file."""
+"""Data type of a triangle in a binary file: normal (ignored), corners (3, 3), and attribute (ignored)."""
 
 _NUMBER = rb"\s+(\S+)\s+(\S+)\s+(\S+)\s+"
 _TRIANGLE = re.compile(
     rb"facet\s+normal" + _NUMBER + rb"outer\s+loop\s+" + 3 * (rb"vertex" + _NUMBER) + rb"endloop\s+endfacet",
     re.IGNORECASE,
 )
-"""A triangle of an ASCII file."""
+"""Pattern of a triangle in an ASCII file; its groups are the numbers of the normal and of the three corners."""
 
 
 def read_stl(data: bytes, name: str) -> NDArray[np.float64]:
@@ -52,7 +52,10 @@ def read_stl(data: bytes, name: str) -> NDArray[np.float64]:
 
 
 def _ascii_corners(data: bytes, name: str) -> NDArray[np.float64]:
-    """Return the corners (t, 3, 3) of the triangles of an ASCII file, which may hold several solids."""
+    """Return the corners (t, 3, 3) of the triangles of an ASCII file, which may hold several solids.
+
+    Raises InputError for a file with other text than complete solids. `name`: name of the file in messages.
+    """
     found = _TRIANGLE.findall(data)
     lines = len(re.findall(rb"^\s*facet\b", data, re.IGNORECASE | re.MULTILINE))
     if len(found) != lines or not re.search(rb"\bendsolid\b[^\n]*\s*\Z", data, re.IGNORECASE):
@@ -65,5 +68,5 @@ def _ascii_corners(data: bytes, name: str) -> NDArray[np.float64]:
 
 
 def _damaged(name: str, problem: str) -> InputError:
-    """Return the exception for a damaged file."""
+    """Return the InputError for a damaged file; `name`: name of the file; `problem`: phrase that states the damage."""
     return InputError(f"{name}: the mesh cannot be read as STL ({problem}); export it again")

@@ -41,7 +41,7 @@ class Surface:
 
 
 def link_surfaces(tree: KinematicTree) -> list[Surface]:
-    """Return the triangulated surfaces of the bodies of a robot."""
+    """Return the triangulated surfaces of the bodies of a robot, one per body, in the frames of their joints."""
     return [Surface(body.name, body.joint, *_surface(body.solid)) for body in tree.bodies]
 
 
@@ -58,12 +58,15 @@ def shape_surfaces(shapes: Iterable[Shape], name: str, within: Bounds) -> list[S
 
 
 def is_floor(shape: Shape) -> bool:
-    """Return whether a shape is the half-space below a horizontal plane."""
+    """Return whether a shape is the half-space below a horizontal plane, one normal to the z axis."""
     return isinstance(shape, HalfSpace) and shape.normal[:2] == (0.0, 0.0) and shape.normal[2] > 0
 
 
 def floor_height(shapes: Iterable[Shape], otherwise: float) -> float:
-    """Return the height of the highest floor among shapes, in metres; `otherwise` if none is a floor."""
+    """Return the z coordinate of the highest floor among shapes, in metres; `otherwise` if none is a floor.
+
+    A floor is the half-space below a horizontal plane.
+    """
     floors = [shape for shape in shapes if isinstance(shape, HalfSpace) and is_floor(shape)]
     return max((shape.offset / shape.normal[2] for shape in floors), default=otherwise)
 

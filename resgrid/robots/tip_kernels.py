@@ -16,7 +16,7 @@ from resgrid.robots.geometry import ArmLinks, ObstacleArrays
 from resgrid.robots.kernels import Flags, Floats, Integers, near_solids, place_joints, segment_parameter
 
 MAX_BOXES = 200_000
-"""Maximum number of boxes (parts of a cell) that the branch-and-bound search examines per cell."""
+"""Maximum number of boxes (parts of a cell) that the search examines per cell; beyond it the cell is no goal cell."""
 
 MAX_NEWTON_STEPS = 30
 """Maximum number of Newton steps of one search for a configuration, which starts from the centre of a box of joint
@@ -24,7 +24,10 @@ angles.
 """
 
 MAX_DEPTH = 256
-"""Maximum number of boxes on the stack of the search, enough for about fifty bisections along each of four joints."""
+"""Maximum number of boxes on the stack of the search; with more, the cell is no goal cell.
+
+The number is enough for about fifty bisections along each of four joints.
+"""
 
 
 class _SearchArrays(NamedTuple):
@@ -80,7 +83,7 @@ def _piece_distance(x: float, y: float, piece: int, goal: ObstacleArrays) -> tup
 
 @inner
 def _place_tip(work: _SearchArrays, links: ArmLinks) -> None:
-    """Compute ``work.joints`` and ``work.jacobian`` (of the tip position) for the configuration ``work.at``."""
+    """Compute ``work.joints`` and ``work.jacobian`` for the configuration ``work.at``; `links`: the arm."""
     n, joints = len(work.at), work.joints
     place_joints(joints, n - 1, work.at, links.lengths, links.base, links.relative)
     for j in range(n):
@@ -239,7 +242,8 @@ def find_goal_cells(
     """Mark the cells that contain a configuration with the tip in a region, and record one configuration per cell.
 
     `out` (m,): mask of cells ``first .. first + m - 1``; `points` (m, n): configurations, written for marked cells;
-    `counts` (n,): cells per joint; `lower, widths` (n,): lower limits and cell widths in radians; `goal`: the region;
+    `counts` (n,): cells per joint; `lower, widths` (n,): lower limits and cell widths in radians; `links`: the arm;
+    `goal`: the region;
     `bounds` (4,): box ``x0, y0, x1, y1``; a cell is excluded if, in the configuration at the cell's centre, the tip
     lies outside this box; `tolerance`: distance in metres up to which the tip counts as in the region.
     """

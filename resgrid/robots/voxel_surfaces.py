@@ -16,24 +16,27 @@ DIRECTIONS = tuple((axis, sign) for axis in range(3) for sign in (-1, 1))
 """Directions of faces: number of the axis, and -1 or 1 for the lower or the upper face of a solid cell."""
 
 _CLOSED = 0.5
-"""Fraction of obstacle cells from which a side of the grid is a wall, whose outside is not drawn."""
+"""Fraction of obstacle cells, in the outermost layer at a side of the grid, from which on the side is closed.
+
+The outside of a closed side is not drawn. On other sides the obstacles in the layer have a face to the outside.
+"""
 
 _MOST_CELLS = 200
 """Largest number of drawn cells along an axis; larger grids are drawn in blocks of cells."""
 
 
 def is_voxel_world(space: ConfigurationSpace) -> bool:
-    """Return whether a space has the axes of space, without rings, for a point or a ball."""
+    """Return whether a space has the axes x, y and z, none of them periodic and in one unit, of a point or a ball."""
     units = {axis.unit for axis in space.axes}
     moves = space.robot is None or space.robot.moves_in_workspace
     return space.ndim == 3 and moves and len(units) == 1 and not any(space.periodic)
 
 
 class Faces(NamedTuple):
-    """Rectangles in space.
+    """Rectangles in space between solid cells and cells of air (cells whose surroundings are drawn).
 
     `corners` (n, 4, 3): anticlockwise seen from the air, in axis units; `plane` (n,): a number for each direction and
-    plane, equal for faces that lie in one plane and face the same direction.
+    plane, equal for rectangles that lie in one plane and face the same direction.
     """
 
     corners: NDArray[np.float64]
@@ -56,7 +59,8 @@ def faces_between(
     """Return the faces of solid cells that border on air.
 
     `solid`, `air`: masks of the cells of a grid with three axes; `axes`: its axes; `directions`: entries of
-    `DIRECTIONS`; `merge`: whether faces in a horizontal row become one rectangle.
+    `DIRECTIONS`, the faces of solid cells that are considered; `merge`: whether adjacent faces in a horizontal row
+    become one rectangle.
     """
     edges = [axis.edges for axis in axes]
     corners, planes = [np.empty((0, 4, 3))], [np.empty(0, dtype=np.int64)]
@@ -105,7 +109,7 @@ def _rectangles(
 
 
 def coarse_cells(mask: NDArray[np.bool_], block: int) -> NDArray[np.bool_]:
-    """Return the mask of blocks of cells with a marked cell.
+    """Return the mask of blocks of cells that contain at least one marked cell; one entry per block.
 
     `block`: number of cells along each axis that form one block; blocks at the upper border may be smaller.
     """
@@ -117,13 +121,16 @@ def coarse_cells(mask: NDArray[np.bool_], block: int) -> NDArray[np.bool_]:
 
 
 def coarse_axis(axis: Axis, block: int) -> Axis:
-    """Return the axis of blocks of `block` cells."""
+    """Return the axis whose cells are blocks of `block` cells of an axis, beginning at its lower end.
+
+    The last block may extend beyond the upper end.
+    """
     cells = -(-axis.cells // block)
     return replace(axis, upper=axis.lower + cells * block * axis.spacing, cells=cells)
 
 
 def block_of(axes: Sequence[Axis]) -> int:
-    """Return the number of cells along each axis that are drawn as one."""
+    """Return the number of cells, along each axis, that are drawn as one block; 1 for at most 200 cells per axis."""
     return -(-max(axis.cells for axis in axes) // _MOST_CELLS)
 
 
@@ -133,7 +140,9 @@ def surface_to_air(
 ) -> Faces:  # fmt: skip
     """Return the faces of solid cells that border on air, also at sides of the grid that few solid cells reach.
 
-    The parameters are those of `faces_between`.
+    On such sides, the solid cells of the outermost layer have faces to the outside (see `_CLOSED`).  `solid`, `air`:
+    masks of the cells of a grid; `axes`: its three axes; `directions`: entries of `DIRECTIONS`, the faces of solid
+    cells that are considered; `merge`: whether adjacent faces in a horizontal row become one rectangle.
     """
     return faces_between(*_with_open_sides(solid, air), _wider(axes), directions, merge=merge)
 
@@ -144,7 +153,8 @@ def surface_of(
 ) -> Faces:  # fmt: skip
     """Return the faces of marked cells that border on unmarked cells or lie at a side of the grid.
 
-    `mask`: marked cells; the other parameters are those of `faces_between`.
+    `mask`: marked cells of a grid; `axes`: its three axes; `directions`: entries of `DIRECTIONS`, the faces of marked
+    cells that are considered; `merge`: whether adjacent faces in a horizontal row become one rectangle.
     """
     padded = np.pad(mask, 1)
     return faces_between(padded, ~padded, _wider(axes), directions, merge=merge)
@@ -165,7 +175,7 @@ def _with_open_sides(solid: NDArray[np.bool_], air: NDArray[np.bool_]) -> tuple[
 
 
 def _wider(axes: Sequence[Axis]) -> list[Axis]:
-    """Return axes with one more cell at both ends."""
+    """Return axes that are one cell longer at both ends."""
     return [
         replace(axis, lower=axis.lower - axis.spacing, upper=axis.upper + axis.spacing, cells=axis.cells + 2)
         for axis in axes

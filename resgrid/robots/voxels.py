@@ -19,7 +19,7 @@ from resgrid.robots.bounded import Bounded, Bounds, translated
 from resgrid.robots.solids import Length, SpacePoint
 
 MAX_TRIED = 50_000
-"""Number of boxes up to which `merge_boxes` tries all orders of the axes."""
+"""Number of boxes up to which `merge_boxes` tries all six orders of the axes; of more boxes it tries one order."""
 
 
 @checked
@@ -115,7 +115,7 @@ class Voxels(Bounded):
 
 
 def _distinct(cells: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return cells (n, 3) without repetitions, sorted."""
+    """Return cells (n, 3) without repetitions, sorted by x, then y, then z."""
     if not len(cells):
         return cells
     low, high = cells.min(axis=0), cells.max(axis=0)
@@ -130,7 +130,7 @@ def merge_boxes(boxes: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return few disjoint boxes with the same union as disjoint boxes.
 
     Boxes with a common face are joined greedily, along one axis after the other, until none are left.  The result with
-    the fewest boxes among all orders of the axes is returned; for many boxes only one order is tried.
+    the fewest boxes among all orders of the axes is returned; for more than `MAX_TRIED` boxes only one order is tried.
     `boxes` (b, 2, 3): first index of every box, and the index after the last.
     """
     if len(boxes) < 2:

@@ -80,7 +80,8 @@ def sort(keys: Indices, values: Floats | Indices, begin: int, end: int) -> None:
 def _sum_repeats(indptr: Indices, indices: Indices, data: Floats) -> int:
     """Sum entries of equal column in sorted CSR rows, in place; return the new number of entries.
 
-    `indptr` (n + 1,): begin of every row; `indices, data` (entries,): columns and conductances, shortened in place.
+    `indptr` (n + 1,): begin of every row; `indices, data` (entries,): columns and conductances.  All three receive the
+    result; the entries of `indices` and `data` after the new number are unused.
     """
     end = 0
     for i in range(len(indptr) - 1):

@@ -16,15 +16,22 @@ from resgrid.solvers.llvm_intrinsics import prefetch
 from resgrid.solvers.scaled import Indices
 
 STRAIGHTNESS = 0.7
-"""Typical ratio of the straight distance, over which the potential decays, to the distance along the grid axes."""
+"""Factor of the estimate: typical ratio of a straight distance to the distance along the grid axes.
+
+Paths run along the grid axes, but the potential decays over the straight distance.
+"""
 
 _MOST_EXCLUDED, _EXCLUDED_OF = 5_000, 50
-"""Two limits on the number of lowest nodes left out of the estimate: a number, and the number of all nodes divided by
-50.
+"""Limits on the number of nodes of lowest potential that are left out of the estimate; the smaller limit applies.
+
+The first is a number of nodes, the second divides the number of all nodes.
 """
 
 _PARTS = 64.0
-"""Number of units of path cost per decay of the potential by a factor of e; path costs are integers."""
+"""Number of units of path cost per decay of the potential by a factor of e; path costs are rounded down to integers.
+
+A path cost is the natural logarithm of the decay along a path, times this number.
+"""
 
 _SEEN = -1
 """Marks the end of a linked list of nodes; a smaller value ``v`` stands for an unreached node with step cost ``-2 -

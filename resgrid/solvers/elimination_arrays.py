@@ -14,11 +14,12 @@ class Tree(NamedTuple):
     A node without children holds all cells of a small rectangle.  Every other node holds a line of cells that separates
     the rectangles of its two children.  Cells are numbered in the order of elimination (ranks), node by node.
 
-    `rank` (nx, ny): rank of every cell; `neighbour` (cells, 4): ranks of the neighbours of the cell of every rank,
-    below and above along both axes, -1 beyond the grid; `owner` (cells,): node of the cell of every rank; `first,
-    last` (nodes,): range of the ranks of a node's cells; `left, right, parent` (nodes,): children and parent, -1
-    without one; `offset` (nodes + 1,): index of the first value of a front; `first_row` (nodes + 1,): index of its
-    first row.
+    `rank` (nx, ny): rank of every cell; `neighbour` (cells, 4): ranks of the neighbours of the cell of every rank, at
+    the lower and the higher index along the first axis, then along the second, -1 beyond the grid; `owner` (cells,):
+    node of the cell of every rank; `first, last` (nodes,): lowest rank of a node's cells, and highest rank plus 1;
+    `left, right, parent` (nodes,): children and parent, -1 without one; `offset` (nodes + 1,): index into
+    ``Fronts.values`` of the first value of a node's front; `first_row` (nodes + 1,): index into ``Fronts.cell`` of the
+    front's first row.
     """
 
     rank: NDArray[np.int32]

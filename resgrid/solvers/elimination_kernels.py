@@ -98,18 +98,21 @@ def eliminate(tree: Tree, planes: Planes, fronts: Fronts, begin: int, end: int) 
 
 @inlined
 def _column(base: int, rows: int, column: int) -> int:
-    """Return the index in the values at which row 0 of a column of a front would be stored.
+    """Return the index into ``fronts.values`` at which row 0 of a column of a front would be stored.
 
-    `base`: index of the first value of the front; `rows`: number of rows of the front.
+    Row ``r >= column`` of the column is stored at this index plus ``r``. `base`: index of the first value of the front;
+    `rows`: number of rows of the front; `column`: number of the column in the front, from 0.
     """
     return base + column * rows - column * (column - 1) // 2 - column
 
 
 @inner
 def _list_rows(tree: Tree, planes: Planes, fronts: Fronts, node: int) -> None:
-    """List the cells of a front in the order of elimination: its pivots, then later cells that are connected to them.
+    """List the cells of the front of a node in ``fronts.cell``: its pivots, then later cells connected to them.
 
-    Later cells are those of the children's fronts and the neighbours of the pivots.
+    Cells are in the order of elimination. Later cells are those that the fronts of the node's children contain, and the
+    neighbours of the pivots; the children are eliminated already. The numbers of pivots and of rows are written, too.
+    `node`: index of the node in the tree.
     """
     row, end, cell = tree.first_row[node], tree.last[node], fronts.cell
     pivots = 0
@@ -152,7 +155,10 @@ def _list_rows(tree: Tree, planes: Planes, fronts: Fronts, node: int) -> None:
 
 @inlined
 def _add_own(tree: Tree, planes: Planes, fronts: Fronts, node: int, place: NDArray[np.int32]) -> None:
-    """Add the conductances of the pivots of a node to its front; `place` (cells,): row of every cell of the front."""
+    """Add the conductances from the pivots of a node to later cells, and those to the ground, to the node's front.
+
+    `node`: index of the node in the tree; `place` (cells,): row of every cell of the front, by rank of the cell.
+    """
     base, row, rows = tree.offset[node], tree.first_row[node], fronts.rows[node]
     for k in range(fronts.pivots[node]):
         rank, column = fronts.cell[row + k], _column(base, rows, k)
@@ -167,8 +173,10 @@ def _add_own(tree: Tree, planes: Planes, fronts: Fronts, node: int, place: NDArr
 def _add_child(tree: Tree, fronts: Fronts, child: int, node: int, place: NDArray[np.int32], at: Integers) -> None:
     """Add the conductances between the remaining cells of a child, after its elimination, to the front of its parent.
 
-    `place` (cells,): row of every cell of the parent's front; `at`: work array.  Both fronts list cells in the order
-    of elimination; runs of cells that are consecutive in both are added by one loop.
+    The conductances to the ground are added, too.  `child, node`: indices of the child and of its parent in the tree;
+    `place` (cells,): row of every cell of the parent's front; `at` (longest,): work array, receives the rows of the
+    child's remaining cells in the parent's front.  Both fronts list cells in the order of elimination; runs of cells
+    that are consecutive in both are added by one loop.
     """
     values, row, base, rows = fronts.values, tree.first_row[node], tree.offset[node], fronts.rows[node]
     pivots = fronts.pivots[child]
@@ -195,7 +203,8 @@ def _add_child(tree: Tree, fronts: Fronts, child: int, node: int, place: NDArray
 def _eliminate_sparse(tree: Tree, fronts: Fronts, node: int, nonzero: Integers) -> bool:
     """Eliminate the pivots of a front one by one, for columns with many zeros; return whether all pivots are valid.
 
-    `nonzero`: work array.
+    A valid pivot is finite and at least `_SMALLEST`. `node`: node of the tree whose front it is; `nonzero`: work array
+    for the rows of the nonzero entries of a column.
     """
     values, ground, row, base = fronts.values, fronts.ground, tree.first_row[node], tree.offset[node]
     rows = fronts.rows[node]
@@ -224,9 +233,10 @@ def _eliminate_sparse(tree: Tree, fronts: Fronts, node: int, nonzero: Integers) 
 
 @inner
 def _eliminate_dense(tree: Tree, fronts: Fronts, node: int, panel: Floats, weights: Floats) -> bool:
-    """Eliminate the pivots of a front in panels of columns; return whether all pivots are positive and finite.
+    """Eliminate the pivots of a front in panels of `_PANEL` columns; return whether all pivots are valid.
 
-    `panel` (columns of a panel times rows,), `weights` (4, columns of a panel): work arrays.
+    A valid pivot is finite and at least `_SMALLEST`. `node`: node of the tree whose front it is; `panel` (columns of a
+    panel times rows,), `weights` (4, columns of a panel): work arrays.
     """
     values, ground, row, base = fronts.values, fronts.ground, tree.first_row[node], tree.offset[node]
     pivots, rows = fronts.pivots[node], fronts.rows[node]
@@ -260,8 +270,9 @@ def _update_columns(
 ) -> None:
     """Add the contributions of the eliminated columns `first` to ``stop - 1`` to all later columns, two at a time.
 
-    `panel`: entries of these columns, column by column, filled with zeros to the width of a panel; `weights` (4,
-    columns of a panel): work array for two sets of weights, the pivots, and their conductances to the ground.
+    `node`: index of the node in the tree whose front is updated; `panel`: entries of these columns, column by column,
+    filled with zeros to the width of a panel; `weights` (4, columns of a panel): work array for two sets of weights,
+    the pivots, and their conductances to the ground.
     """
     values, ground, row, base = fronts.values, fronts.ground, tree.first_row[node], tree.offset[node]
     rows = fronts.rows[node]
@@ -290,10 +301,11 @@ def _update_columns(
 def _add_panel(
     values: Floats, one: int, other: int, panel: Floats, apart: int, begin: int, weights: Floats, count: int
 ) -> None:
-    """Add sums of `count` rows of a panel's columns, with two sets of weights, to ``values`` at `one` and at `other`.
+    """Add two weighted sums of a panel's columns to `count` entries of `values` from `one` on, and from `other` on.
 
-    `apart`: distance between the columns of the panel; `begin`: first row; `weights` (4, columns of a panel):
-    weights in rows 0 and 1.
+    `panel`: entries column by column; `apart`: number of entries from the begin of a column to the next; `begin`: first
+    row that is summed; `weights` (4, columns of a panel): weights of the columns, in row 0 for the sum at `one` and in
+    row 1 for the sum at `other`; rows 2 and 3 are ignored.
     """
     u, v = np.uint64(one), np.uint64(other)
     a, b = np.uint64(begin), np.uint64(begin + apart)
@@ -322,7 +334,7 @@ def _add_column(target: Floats, there: int, source: Floats, here: int, weight: f
 
 @inner_fast
 def _divide(values: Floats, column: int, panel: Floats, there: int, pivot: float, begin: int, end: int) -> None:
-    """Divide ``values[column + r]`` by a pivot for `begin` <= `r` < `end`, and copy it to ``panel[there + r]``."""
+    """Copy ``values[column + r]`` to ``panel[there + r]``, then divide it by a pivot, for `begin` <= `r` < `end`."""
     inverse, c, t = 1.0 / pivot, np.uint64(column), np.uint64(there)
     for each in range(begin, end):
         r = np.uint64(each)

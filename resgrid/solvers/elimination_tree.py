@@ -19,7 +19,7 @@ from resgrid.solvers.elimination_arrays import Fronts, Planes, Tree
 from resgrid.solvers.scaled import Numbers
 
 _LEAF = 9
-"""Largest number of cells of a rectangle that is not divided."""
+"""Number of cells up to which nested dissection does not divide a rectangle of the grid."""
 
 _STRETCH = 2_000
 """Number of nodes that one call of the elimination kernel eliminates; Ctrl-C is handled between two calls."""

@@ -51,7 +51,10 @@ The error is due to rounding in subtraction-free factors and substitution.
 """
 
 _LEAST_ENTRY = 1e-150
-"""Smallest entry of ``-L`` (a dimensionless fraction) for which products of two entries do not underflow."""
+"""Smallest positive entry of ``-L`` (a dimensionless fraction) for which products of two entries do not underflow.
+
+With a smaller entry the bound on the relative error of a solution is infinite.
+"""
 
 _MOST_PASSES = 4
 """Maximum number of substitutions in a normwise direct solution, the first solution and its refinements."""
@@ -285,9 +288,9 @@ class MultigridFactor(Factor):
         and largest backward error; `guess` (n,): initial solution in volts, or None; `watch`: records iterations, or
         None.
 
-        With a guess the iteration also ends if the estimated error of every voltage is at most ``rtol`` of the largest
-        voltage. This criterion is much weaker if all currents meet in a few cells, as at the goal when obstacles are
-        open.
+        With a guess the iteration also ends if the estimated error of every voltage is at most ``rtol`` times the
+        largest magnitude of a voltage of the guess. This criterion is much weaker if all currents meet in a few cells,
+        as at the goal when obstacles are open.
         """
         from resgrid.solvers.multigrid.conjugate_gradients import iterate
         from resgrid.solvers.multigrid.krylov import norm

@@ -35,21 +35,28 @@ from resgrid.solvers.supernodal import factor_supernodes
 from resgrid.solvers.symbolic import Symbolic
 
 _FEW = 300
-"""Approximate number of sampled resistors; the median of their conductances relative to nominal scales a chip's
-equations.
+"""Approximate number of resistors whose conductances are compared with the nominal ones, to scale a chip's equations.
+
+The equations of a chip are divided by the nominal unit times the median of these ratios.
 """
 
 _LEFT = 16 * ROUNDING
-"""Rounding error of a residual norm in amperes, divided by the largest conductance times the norm ``|x|`` of the
-solution.
+"""Limit on the residual norm of a chip's solution, relative to the largest diagonal entry times the norm ``|x|``.
+
+The limit is the size of rounding errors; a solution below it is accepted even if the residual exceeds the tolerance.
 """
 
 _ROUNDINGS = 1e-13
-"""Relative error, due to rounding, of a solution by subtraction-free factors for currents of one sign."""
+"""Bound on the relative error of every entry of a solution by subtraction-free factors, for currents of one sign.
+
+The error is due to rounding. For currents of both signs the bound is relative to the solution for their magnitudes.
+"""
 
 _FORBIDDEN = 1e-9
-"""Smallest tolerance that is compared with the error of voltages, relative to the largest voltage; smaller ones are
-raised.
+"""Smallest tolerance of `solve_in_order`, relative to the chip's largest magnitude of a voltage.
+
+Smaller tolerances are raised to it. A solution is accepted if the bound on its rounding error is at most the tolerance
+times that magnitude.
 """
 
 _EVEN = 1e4
@@ -131,7 +138,8 @@ def solve_in_order(order: Symbolic, chips: Chips, rtol: float) -> Iterator[Float
     """Yield the solution (n,) of every chip in volts, by elimination in a common order; None where it is not accurate.
 
     `order`: elimination order and structure of the factors; `chips`: for every chip a pair of its matrix and its
-    currents (n,) in amperes; `rtol`: largest error of voltages, relative to the chip's largest voltage.
+    currents (n,) in amperes; `rtol`: largest error of a voltage, relative to the chip's largest magnitude
+    of a voltage.
     """
     for chip, drive in chips:
         try:

@@ -32,10 +32,16 @@ _CONVERGED = 1e-12
 """Largest componentwise backward error of an accepted solution, if the relative error of its entries has no bound."""
 
 CERTAIN = 1e-9
-"""Largest error, relative to the largest entry, up to which a solution needs no further check or correction."""
+"""Error of an entry, relative to the largest magnitude, up to which a solution needs no further check or correction."""
 
 _MOST_STEPS = 60
+"""Maximum number of refinement steps of one solution."""
+
 _LEAST_GAIN = 0.5
+"""Fraction of its previous value below which a step must bring the backward error, or the largest residual in amperes.
+
+A step that does neither is rejected, and refinement ends.
+"""
 
 _ALLOWED = 2e-9
 """Largest sum of relative violations of KCL at which refinement ends.
@@ -58,19 +64,20 @@ _PROVED = 1e-6
 """Bound on the relative error of entries up to which a solution is accepted, whatever its backward error."""
 
 _DIFFERENCE = 4.0
-"""Relative difference of two refined values that counts as rounding error, in multiples of `refine`'s parameter
-``floor``, the residual of a row that counts as rounding error, relative to ``(b + |A| |x|)_i``.
+"""Ratio between two limits of rounding error: that on relative differences of refined values, and that on residuals.
+
+The limit on residuals is the parameter ``floor`` of `refine`, the residual of a row relative to ``(b + |A| |x|)_i``.
 """
 
 _FLAT = 1e-14
 """Ratio of the currents at a row to ``(b + |A| |x|)_i`` below which the currents may be pure rounding error."""
 
 _STEPS, _FEWEST_STEPS, _LEAST = 8, 2, 128
-"""Size of the neighbourhood that is solved directly with inaccurate rows: maximum and minimum steps, and minimum rows.
+"""Size of the neighbourhood that is solved directly with inaccurate rows: maximum and minimum number of steps, and N.
 
-The neighbourhood grows to the maximum number of steps from these rows, but only to the minimum once it has half of the
-allowed rows. It grows on until it has one row in 128 of the matrix: along a slit, all voltages beyond depend on the
-ones before.
+A step leads along one resistor. The neighbourhood grows to the maximum number of steps from the inaccurate rows, but
+only to the minimum once it has half of the allowed rows. It grows on beyond the maximum until it has 1/N of all rows of
+the matrix: along a slit, all voltages beyond depend on the ones before.
 """
 
 _MOST, _MOST_OF_PLANE, _ONE_IN = 20_000, 100_000, 10
@@ -79,7 +86,7 @@ _MOST, _MOST_OF_PLANE, _ONE_IN = 20_000, 100_000, 10
 Approximation = Callable[[Floats, Integers, float], Numbers]
 """Function of mantissas (n,), exponents (n,) and a relative error: returns ``A^-1`` times the right-hand side.
 
-Numbers are ``mantissa * 2**(256 * exponent)``. The error of the result is relative to the largest entry.
+Numbers are ``mantissa * 2**(256 * exponent)``. The error of the result is relative to the result's largest magnitude.
 """
 
 

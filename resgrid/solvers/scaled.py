@@ -23,6 +23,7 @@ NOISE = 2.0**-70
 
 _LOG_BASE = BITS * np.log(2.0)
 _LEAST, _MOST = -5, 4
+"""Exponents ``e`` at and below which ``2**(256 e)`` underflows to 0, and at and above which it overflows."""
 _POWERS = np.append(np.ldexp(1.0, BITS * np.arange(_LEAST, _MOST)), np.inf)
 _POWERS.flags.writeable = False
 

@@ -21,11 +21,18 @@ _BASE = 2.0**BITS
 _INVERSE = 2.0**-BITS
 _LARGE = 2.0 ** (BITS // 2)
 _SMALL = 2.0 ** -(BITS // 2)
-_SPLITTER = 2.0**27 + 1.0
+"""Limits of the magnitude of a canonical mantissa: below `_LARGE`, at least `_SMALL`."""
 
+_SPLITTER = 2.0**27 + 1.0
+"""Factor by which a double is multiplied to split it into two halves of at most 26 bits (Dekker)."""
 
 _SETTLED = 1e-29
+"""Rounding error of a row's residual in double-double, relative to ``(b + |A| |x|)_i``; a smaller residual counts as 0.
+"""
+
 _UNIT = 2.0**-53
+"""Largest relative error of a rounded double."""
+
 _NOTHING = 1e-290
 """Residual of a row, in amperes times ``2**(-256 e)`` with the row's exponent ``e``, below which the row is converged.
 
@@ -33,6 +40,8 @@ Underflow in the lower parts of double-doubles leaves residuals of this size.
 """
 
 NO_EXPONENT = -(2**62)
+"""Exponent of the number 0 where the largest exponent of several numbers is sought; any other exponent is larger."""
+
 _LOG_BASE = BITS * math.log(2.0)
 
 _ROW_ROUNDING = 12.0

@@ -66,7 +66,10 @@ def symmetric_factors(matrix: Any) -> Any:
 
 
 def inverse_diagonal(matrix: Any) -> NDArray[Any]:
-    """Return the diagonal (n,) of the inverse of a symmetric sparse matrix (n, n), real or complex."""
+    """Return the diagonal (n,) of the inverse of a symmetric sparse matrix (n, n), real or complex.
+
+    The unit is the reciprocal of the matrix's unit. Raises AccuracyError if the matrix is singular in double precision.
+    """
     factors = symmetric_factors(matrix)
     return _diagonal(np.argsort(factors.perm_c), factors.L, factors.U.diagonal())
 
@@ -98,10 +101,10 @@ def random_signs(size: int, samples: int, seed: int) -> Floats:
 
 
 def estimate_diagonal(signs: Floats, products: Floats) -> tuple[Floats, Floats]:
-    """Return an estimate of a matrix diagonal, shape (n,), and its standard error, shape (n,).
+    """Return an estimate of a matrix diagonal, shape (n,), and its standard error, shape (n,), in the matrix's unit.
 
-    `signs` (n, samples): vectors of random signs; `products` (n, samples): the matrix times these vectors (Bekas,
-    Kokiopoulou & Saad 2007).
+    The estimate is the mean over the samples of sign times product (Bekas, Kokiopoulou & Saad 2007). `signs` (n,
+    samples): vectors of random signs 1 and -1; `products` (n, samples): the matrix times these vectors.
     """
     each = signs * products
     return each.mean(axis=1), each.std(axis=1, ddof=1) / np.sqrt(each.shape[1])

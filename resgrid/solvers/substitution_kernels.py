@@ -100,7 +100,8 @@ def _align(fronts: Fronts, row: int, begin: int, end: int, m: Floats, e: Integer
 def _forward(tree: Tree, fronts: Fronts, node: int, m: Floats, e: Integers, buffer: Floats) -> None:
     """Distribute the currents into the pivots of a front over its later rows, and divide them by the pivots, in place.
 
-    `m, e` (cells,): mantissas and exponents of currents; `buffer`: work array.
+    `node`: index of the front's node in the tree; `m, e` (cells,): mantissas and exponents of currents, by rank of the
+    cell; `buffer` (longest,): work array for one number per row of the front.
     """
     base, row, rows, pivots = tree.offset[node], tree.first_row[node], fronts.rows[node], fronts.pivots[node]
     first = 0
@@ -130,8 +131,9 @@ def _forward(tree: Tree, fronts: Fronts, node: int, m: Floats, e: Integers, buff
 def _backward(tree: Tree, fronts: Fronts, node: int, m: Floats, e: Integers, buffer: Floats) -> None:
     """Compute the values of the pivots of a front from those of its later rows, in place.
 
-    `m, e` (cells,): mantissas and exponents of the solution, in pivots of currents divided by pivots; `buffer`: work
-    array.
+    `node`: index of the front's node in the tree; `m, e` (cells,): mantissas and exponents by rank of the cell: of the
+    solution in later rows, and, on entry, of currents divided by pivots in the pivots' rows; `buffer` (longest,): work
+    array for one number per row of the front.
     """
     base, row, rows, pivots = tree.offset[node], tree.first_row[node], fronts.rows[node], fronts.pivots[node]
     common, is_plain = _align(fronts, row, 0, rows, m, e, buffer), True

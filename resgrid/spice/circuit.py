@@ -22,7 +22,7 @@ KINDS = tuple(ARRAYS)
 """Kinds of element of a netlist: resistor, voltage source, current source, capacitor and nonlinear resistor."""
 
 TOLERANCE = 1e-9
-"""Largest admissible error of simulated voltages and currents, as a fraction of the supply and the largest current."""
+"""Default limit on errors of a simulation: of voltages relative to the supply, of currents to the scale of currents."""
 
 SHOWN = 5
 """Maximum number of names in a message; the message ends with the number of further names."""

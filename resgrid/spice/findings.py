@@ -8,7 +8,7 @@ from typing import Literal
 Severity = Literal["error", "warning", "info"]
 
 SEVERITIES: tuple[Severity, ...] = ("error", "warning", "info")
-"""All severities, the most severe first."""
+"""All severities of notes and violations, the most severe first; a note of the deck reader is never an error."""
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,8 @@ class Note:
     Attributes
     ----------
     severity : {"error", "warning", "info"}
-        A warning concerns text that simulators read differently, or a probable mistake; ``"info"`` the rest.
+        ``"warning"`` for text that simulators read differently, or a probable mistake; ``"info"`` for the rest.  The
+        deck reader makes no note of severity ``"error"``: an error ends the reading with an exception.
     file : str
         Name of the file for messages.
     line, column : int
@@ -73,7 +74,7 @@ class Violation:
     rule : str
         Short name of the rule, such as ``"floating"``.
     place : str
-        ``file:line`` in a deck, the cell of a scene, otherwise the nodes or elements concerned.
+        ``file:line`` in a deck, the cell of a scene, otherwise the nodes or elements concerned; may be empty.
     message : str
         Sentence that states the problem.
     remedy : str

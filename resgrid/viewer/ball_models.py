@@ -27,17 +27,17 @@ ROBOT_BALL: Colour = (230, 159, 0)
 """Colour of the moving ball."""
 
 _BANDS = 24
-"""Number of colours of the obstacles by their height."""
+"""Number of colours that distinguish the heights of obstacles."""
 
 
 class BallModel:
-    """A ball in a scene of viser, which can be moved; `name`: name of its node."""
+    """A ball that can be moved, in a 3-D scene of the package viser; `name`: name of its node in the scene."""
 
     def __init__(self, server: viser.ViserServer, name: str, radius: float, colour: Colour) -> None:
         self._ball = server.scene.add_icosphere(f"/{name}", radius=radius, color=colour)
 
     def move(self, pose: NDArray[np.float64]) -> None:
-        """Show the ball at a place `pose` (3,)."""
+        """Show the ball at a place; `pose` (3,): place in the world."""
         self._ball.position = pose
 
     def show(self, visible: bool) -> None:
@@ -46,9 +46,10 @@ class BallModel:
 
 
 def add_voxels(server: viser.ViserServer, space: ConfigurationSpace) -> None:
-    """Add the surface of the obstacles around the space that is connected to a goal, coloured by height.
+    """Add the surface of the obstacles to a scene of viser, coloured by height.
 
-    Faces are visible from the front only, so that the camera looks into closed rooms.
+    The surface is that around the free cells that are connected to a goal. Its faces are visible from the front only,
+    so that the camera looks into closed rooms.
     """
     block = block_of(space.axes)
     axes = [coarse_axis(axis, block) for axis in space.axes]
@@ -68,7 +69,10 @@ def add_voxels(server: viser.ViserServer, space: ConfigurationSpace) -> None:
 def _add_faces(
     server: viser.ViserServer, name: str, faces: Faces, colour: Colour, opacity: float | None = None
 ) -> None:
-    """Add faces to a scene of viser; `name`: name of their node."""
+    """Add faces to a scene of viser.
+
+    `name`: name of their node; `colour`: red, green and blue from 0 to 255; `opacity`: 0 to 1, None for opaque faces.
+    """
     if not len(faces.corners):
         return
     first = 4 * np.arange(len(faces.corners))[:, np.newaxis]
@@ -80,7 +84,7 @@ def _add_faces(
 
 
 def _tint(band: int) -> Colour:
-    """Return the colour of obstacles at a height; `band`: number of the band of heights."""
+    """Return the colour of obstacles in a range of heights; `band`: number of the range, from 0 at the bottom."""
     stops = np.array([rgb(colour) for colour in SURFACE], dtype=np.float64)
     place = (band + 0.5) / _BANDS * (len(stops) - 1)
     red, green, blue = (round(float(np.interp(place, np.arange(len(stops)), part))) for part in stops.T)

@@ -29,7 +29,7 @@ _HOST = "127.0.0.1"
 """Address of the server: only this computer has access."""
 
 _DIRECTION = np.array([1.0, -1.3, 0.8])
-"""Direction from the middle of the view to the camera, as multiples of the extent of the view."""
+"""Vector from the middle of the view to the camera, as a multiple of the extent of the view."""
 
 
 class Viewer:
@@ -77,7 +77,7 @@ class Viewer:
         camera.look_at = tuple(task.centre)
 
     def wait(self) -> None:
-        """Block until the view is closed, or until the user interrupts the process."""
+        """Block until the view is closed, or until Ctrl-C, which closes the view."""
         while not self._ended.wait(0.5):
             pass
 
@@ -155,7 +155,10 @@ def _require_voxel_world(space: ConfigurationSpace) -> None:
 
 
 def _task(shown: Scene | Streamline, space: ConfigurationSpace | None) -> ArmPlan | PointPlan:
-    """Return the problem of a view; `shown`, `space`: as in `view`."""
+    """Return the start, goal and solved space that a view shows.
+
+    `shown`: scene, or path of a point or a ball; `space`: space of the scene, None to build it.
+    """
     if isinstance(shown, Streamline):
         return PointPlan.of_path(shown)
     return ArmPlan(shown, space) if isinstance(shown.robot, URDFRobot) else PointPlan.of_scene(shown, space)
@@ -163,7 +166,7 @@ def _task(shown: Scene | Streamline, space: ConfigurationSpace | None) -> ArmPla
 
 @contextmanager
 def _silent() -> Iterator[None]:
-    """Suppress the messages that viser prints by rich at the start and the end of a server."""
+    """Suppress the messages that viser prints when a server starts or stops."""
     console = rich.get_console()
     before, console.quiet = console.quiet, True
     try:
@@ -173,7 +176,7 @@ def _silent() -> Iterator[None]:
 
 
 def _free_port(port: int) -> int:
-    """Return a port that is free on this computer: the given one, or any for 0; raise InputError if it is not free."""
+    """Return a free port of this computer: the given one, or any free port for 0; raise InputError if it is in use."""
     if not 0 <= port <= 65535:
         raise InputError(f"port = {port} must lie between 0 and 65535")
     with socket.socket() as probe:

@@ -24,28 +24,28 @@ START: Colour = (74, 74, 74)
 END: Colour = (0, 114, 178)
 PATH: Colour = (213, 94, 0)
 SOLID: Colour = (150, 150, 150)
-"""Colours of the moving robot, of the robot at start and goal, of the tool's path, and of obstacles."""
+"""Colour of obstacles: red, green and blue from 0 to 255."""
 
 HIDDEN: Colour = (185, 107, 107)
-"""Colour of hidden obstacles."""
+"""Colour of hidden obstacles: red, green and blue from 0 to 255."""
 
 _ABOVE = 0.001
 """Height of the grid above the floor in metres, so that the grid stays visible."""
 
 _PLANE = 0.4
-"""Opacity of the border planes of half-spaces."""
+"""Opacity, 0 to 1, of the border planes of obstacles that are half-spaces."""
 
 _BEYOND = 1.2
-"""Distance from the base within which these planes are shown, as a multiple of the robot's reach."""
+"""Distance from the base within which border planes of half-spaces are shown, as a multiple of the robot's reach."""
 
 _GHOST = 0.35
-"""Opacity of the robot at start and goal."""
+"""Opacity, 0 to 1, of the robot at start and goal."""
 
 
 class ArmModel:
-    """An arm in a scene of viser, which can be moved.
+    """An arm that can be moved, in a 3-D scene of the package viser.
 
-    `name`: name of its node; `opacity`: 0 to 1, None for an opaque robot.
+    `name`: name of its node in the scene; `opacity`: 0 to 1, None for an opaque robot.
     """
 
     def __init__(
@@ -94,7 +94,11 @@ def add_surroundings(server: viser.ViserServer, scene: Scene, robot: URDFRobot) 
 
 
 def _add_mesh(server: viser.ViserServer, name: str, surface: Surface, colour: Colour, opacity: float | None) -> None:
-    """Add a surface to a scene of viser; `name`: name of its node; `opacity`: 0 to 1, None for an opaque surface."""
+    """Add a surface to a scene of viser.
+
+    `name`: name of its node; `colour`: red, green and blue from 0 to 255; `opacity`: 0 to 1, None for an opaque
+    surface.
+    """
     server.scene.add_mesh_simple(
         name, surface.points.astype(np.float32), surface.triangles, color=colour, opacity=opacity, side="double",
         flat_shading=True, receive_shadow=False,
@@ -107,7 +111,10 @@ def add_ghosts(server: viser.ViserServer, robot: URDFRobot) -> tuple[ArmModel, A
 
 
 def add_line(server: viser.ViserServer, points: NDArray[np.float64]) -> Any:
-    """Draw or replace the path of the tool in a scene of viser; `points` (n, 3): in the world."""
+    """Draw the path of the tool in a scene of viser, in place of an earlier one; return its node.
+
+    `points` (n, 3): in world coordinates.
+    """
     segments = np.stack([points[:-1], points[1:]], axis=1).astype(np.float32)
     return server.scene.add_line_segments("/path", segments, PATH, thickness=3.0, thickness_units="screen")
 
@@ -121,6 +128,6 @@ def _quaternion(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def rgb(colour: str) -> Colour:
-    """Return the parts of a colour such as ``#e8491d``, from 0 to 255 each."""
+    """Return red, green and blue, from 0 to 255, of a colour such as ``#e8491d``."""
     red, green, blue = bytes.fromhex(colour.lstrip("#"))
     return red, green, blue

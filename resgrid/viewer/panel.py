@@ -19,24 +19,24 @@ if TYPE_CHECKING:
     import viser
 
 _RATE = 30.0
-"""Number of positions of the slider per second while the motion plays."""
+"""Number of times per second that the robot is moved on while the motion plays."""
 
 _UNTIMED_SECONDS = 5.0
 """Duration of the display of a path that has no times, in seconds."""
 
 _STEPS = 400
-"""Number of steps of a slider."""
+"""Number of steps of a slider from one end to the other."""
 
 _PLAY, _PAUSE = "Play", "Pause"
 
 Model = ArmModel | BallModel
-"""A robot in the view that can be moved."""
+"""A robot in the view that can be moved: an arm or a ball."""
 
 
 class Panel:
-    """The controls of a 3-D view, and the thread that plans after changes.
+    """The controls of a 3-D view, and the threads that plan after changes and play the motion.
 
-    `task`: scene, start and goal; all changes of the start and the goal come from the controls.
+    `task`: solved space with start and goal, which only these controls change.
     """
 
     def __init__(self, server: viser.ViserServer, task: ArmPlan | PointPlan) -> None:
@@ -57,7 +57,7 @@ class Panel:
             thread.start()
 
     def _add_models(self) -> tuple[Model, Model, Model]:
-        """Add the surroundings, and return the models of the moving robot and of the robot at start and goal."""
+        """Add the surroundings, and return the models of the moving robot and of the robot at start and at goal."""
         task, server = self.task, self.server
         if isinstance(task, PointPlan):
             add_voxels(server, task.space)
@@ -100,7 +100,10 @@ class Panel:
         visible.on_update(lambda _: self._show_ends(visible.value))
 
     def _joint_slider(self, which: str, number: int, value: float) -> Any:
-        """Return a slider for a joint of the start or the goal; `which`: "start" or "goal"; `value`: initial value."""
+        """Return a new slider for one joint or coordinate.
+
+        `which`: "start" or "goal"; `number`: index of the joint; `value`: initial value.
+        """
         axis = self.task.axes[number]
         step = (axis.upper - axis.lower) / _STEPS
         slider = self.server.gui.add_slider(
@@ -111,16 +114,22 @@ class Panel:
         return slider
 
     def _pose_of(self, which: str) -> NDArray[np.float64]:
-        """Return the configuration (ndim,) of the sliders of "start" or "goal"."""
+        """Return the configuration (ndim,) that the sliders show; `which`: "start" or "goal"."""
         return np.array([slider.value for slider in self.joints[which]], dtype=np.float64)
 
     def _slid(self, which: str, event: Any) -> None:
-        """Plan again after a slider was moved in a browser, but not after the program set its value."""
+        """Plan again after a user has moved a slider; ignore values that the program has set.
+
+        `which`: "start" or "goal"; `event`: event of viser, whose `client_id` is None for the program.
+        """
         if event.client_id is not None:
             self._ask(which, self._pose_of(which))
 
     def _dragged(self, which: str, event: Any) -> None:
-        """Move the start or the goal to the place of its handle, at the end of a drag."""
+        """Move the start or the goal to the place of its handle when a drag of the handle ends.
+
+        `which`: "start" or "goal"; `event`: event of viser.
+        """
         if event.phase != "end":
             return
         place = np.asarray(self.handles[which].position, dtype=np.float64)
@@ -135,12 +144,15 @@ class Panel:
         self._ask(which, pose)
 
     def _write_sliders(self, which: str, pose: NDArray[np.float64]) -> None:
-        """Show a configuration in the sliders of "start" or "goal" without planning again."""
+        """Show a configuration `pose` (ndim,) in the sliders without planning again; `which`: "start" or "goal"."""
         for slider, value in zip(self.joints[which], pose, strict=True):
             slider.value = float(value)
 
     def _ask(self, which: str, pose: NDArray[np.float64]) -> None:
-        """Request a new path; requests that come while another one is computed are combined."""
+        """Request a path for a new start or goal; of requests during a computation, only the last one is computed.
+
+        `which`: "start" or "goal"; `pose` (ndim,): configuration.
+        """
         self._place(which, pose)
         with self._lock:
             self._wanted[which] = pose
@@ -148,7 +160,10 @@ class Panel:
         self._changed.set()
 
     def _place(self, which: str, pose: NDArray[np.float64]) -> None:
-        """Show the model and the handle of the start or the goal in a configuration."""
+        """Move the robot model and the handle of the start or the goal to a configuration.
+
+        `which`: "start" or "goal"; `pose` (ndim,): configuration.
+        """
         self.ghosts[which].move(pose)
         self.handles[which].position = self.task.places(pose.reshape(1, -1))[0]
 
@@ -158,7 +173,7 @@ class Panel:
             self.handles[which].visible = visible
 
     def _plan_again(self) -> None:
-        """Compute paths for requests until the view is closed."""
+        """Compute paths for requested starts and goals until the view is closed; runs in a thread."""
         while True:
             self._changed.wait()
             self._changed.clear()
@@ -189,7 +204,7 @@ class Panel:
         self.robot.move(self.motion.at(self.slider.value * self.motion.times[-1]))
 
     def _toggle(self) -> None:
-        """Start or stop the display of the motion."""
+        """Start to play the motion, or stop it."""
         if self._playing.is_set():
             self._playing.clear()
             return
@@ -198,7 +213,7 @@ class Panel:
         self._playing.set()
 
     def _play(self) -> None:
-        """Advance the slider while the motion plays, until the view is closed."""
+        """Advance the slider along the path while the motion plays, until the view is closed; runs in a thread."""
         while True:
             self._playing.wait()
             began, first = time.monotonic(), self.slider.value

@@ -25,31 +25,31 @@ from resgrid.robots import URDFRobot
 from resgrid.scene.scene import Scene
 
 _FRAMES = 600
-"""Number of configurations along a path that are shown."""
+"""Number of configurations along a path that the view shows."""
 
 _CLEARANCE_STEP = 0.02
-"""Largest motion of any point of the robot between two distance computations, in metres."""
+"""Largest motion of any point of the robot between two configurations whose clearance is computed, in metres."""
 
 _ITERATIONS = 40
-"""Largest number of steps towards the position of a dragged handle."""
+"""Largest number of iterations of the inverse kinematics that moves the tool to a dragged handle."""
 
 _DAMPING = 0.05
-"""Damping of these steps, in metres, which keeps them short near singularities."""
+"""Damping of the least-squares step of the inverse kinematics, in metres, which limits steps near singularities."""
 
 _LONGEST = 0.3
-"""Largest change of a joint in one of these steps, in radians or metres."""
+"""Largest change of a joint in one iteration of the inverse kinematics, in radians or metres."""
 
 
 _CENTRE = np.array([0.0, 0.0, 0.3])
-"""Place in the middle of the view relative to the base of the robot, as multiples of the robot's reach."""
+"""Vector from the robot's base to the middle of the view, as a multiple of the robot's reach."""
 
 
 @dataclass(frozen=True)
 class Motion:
-    """A path as a sequence of configurations.
+    """A path as a sequence of configurations with an outcome.
 
-    `configurations` (n, ndim): in world coordinates; `times` (n,): in seconds, or fractions of the path if it has no
-    times; `is_timed`: whether these are seconds; `text`: outcome, length and clearance.
+    `configurations` (n, ndim): in world coordinates; `times` (n,): ascending, in seconds, or from 0 to 1 for a path
+    without times; `is_timed`: whether they are seconds; `text`: outcome, length and clearance, as Markdown.
     """
 
     configurations: NDArray[np.float64]
@@ -58,7 +58,7 @@ class Motion:
     text: str
 
     def at(self, time: float) -> NDArray[np.float64]:
-        """Return the configuration (ndim,) at a time; the nearest end outside of the path's times."""
+        """Return the interpolated configuration (ndim,) at a time; the first or last one for times outside the path."""
         return np.array([np.interp(time, self.times, column) for column in self.configurations.T])
 
 
@@ -70,7 +70,7 @@ class ArmPlan:
     scene : Scene
         Scene with an arm in space.
     space : ConfigurationSpace, optional
-        Space of the scene, if it is known already.
+        Space of the scene; by default it is built.
 
     Attributes
     ----------
@@ -97,17 +97,17 @@ class ArmPlan:
 
     @property
     def axes(self) -> tuple[Axis, ...]:
-        """Axes of the configurations."""
+        """Axes of the configuration space: one per joint that moves."""
         return self.scene.axes
 
     @property
     def names(self) -> Sequence[str]:
-        """Names of the joints."""
+        """Names of the joints that move."""
         return self.robot.moving
 
     @property
     def centre(self) -> NDArray[np.float64]:
-        """Place in the middle of the view, shape (3,)."""
+        """Place (3,) in the middle of the view, in metres."""
         base: NDArray[np.float64] = self.robot.tree.placement[0, :3, 3]
         return base + _CENTRE * self.robot.reach
 
@@ -118,7 +118,7 @@ class ArmPlan:
 
     @property
     def handle_size(self) -> float:
-        """Length of the arrows of a handle, in metres."""
+        """Length of the arrows of a handle that drags start or goal, in metres."""
         return 0.2 * min(1.0, self.robot.reach)
 
     def places(self, configurations: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -126,12 +126,12 @@ class ArmPlan:
         return self.robot.reference_point(configurations)
 
     def set_goal(self, goal: NDArray[np.float64]) -> None:
-        """Solve again for a single goal configuration (ndim,); the geometry of obstacles is not computed again."""
+        """Solve again with one goal configuration (ndim,) in place of all goals, without computing free cells again."""
         self.goal = goal
         self.planner = plan(with_goal(self.planner.space, goal), self.wiring, k=self.k)
 
     def motion(self) -> Motion:
-        """Return the path from the start as a motion; without a path, a motion that stays at the start."""
+        """Return the path from the start as a motion; a motion that stays at the start if no path reaches a goal."""
         path = self.planner.path(self.start)
         if path.outcome is not Outcome.REACHED:
             return self.resting(failure_text(path))
@@ -146,19 +146,20 @@ class ArmPlan:
         return Motion(timed.at(times)[0], times, True, f"{text}  \nduration {timed.duration:.2f} s")
 
     def _untimed(self, path: AnyPath, text: str) -> Motion:
-        """Return a path without times as a motion; `text`: description of the path."""
+        """Return a path without times as a motion; `text`: outcome and clearance, as Markdown."""
         travel = float(self.robot.travel(path.line[:-1], path.line[1:]).sum())
         poses = path.space.to_world(sample_path(path, travel / _FRAMES)[0] if travel else path.line)
         return Motion(poses, np.linspace(0.0, 1.0, len(poses)), False, text)
 
     def resting(self, text: str) -> Motion:
-        """Return a motion that stays at the start; `text`: reason."""
+        """Return a motion that stays at the start; `text`: reason, as Markdown."""
         return Motion(np.stack([self.start, self.start]), np.array([0.0, 1.0]), False, text)
 
     def towards(self, near: NDArray[np.float64], place: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the configuration (ndim,) near `near` (ndim,) that brings the tool as close as possible to a place.
+        """Return a configuration (ndim,) that brings the tool as close as possible to a place, by damped least squares.
 
-        `place` (3,): in the world, in metres.  Damped least squares (Wampler 1986), within the limits of the axes.
+        `near` (ndim,): configuration from which the iteration starts; `place` (3,): in the world, in metres. The result
+        lies within the limits of the axes (Wampler 1986).
         """
         joints, step = near.copy(), 1e-6
         for _ in range(_ITERATIONS):
@@ -206,7 +207,7 @@ def require_arm(scene: Scene) -> URDFRobot:
 
 
 class Task(Protocol):
-    """A problem with a goal that can change, whose motion can be shown."""
+    """Interface of a solved space whose goal can change, and whose path can be shown."""
 
     def set_goal(self, goal: NDArray[np.float64]) -> None:
         """Solve again for a single goal configuration (ndim,)."""
@@ -215,11 +216,14 @@ class Task(Protocol):
         """Return the path from the start as a motion."""
 
     def resting(self, text: str) -> Motion:
-        """Return a motion that stays at the start; `text`: reason."""
+        """Return a motion that stays at the start; `text`: reason, as Markdown."""
 
 
 def answer(task: Task, goal: NDArray[np.float64] | None) -> Motion:
-    """Return the motion of a task after an optional change of its goal; an error becomes the text of the motion."""
+    """Return the motion of a task, after a change of its goal if `goal` is not None.
+
+    An error of resgrid gives a motion that stays at the start and contains the message.
+    """
     try:
         if goal is not None:
             task.set_goal(goal)

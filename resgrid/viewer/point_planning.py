@@ -21,7 +21,7 @@ _FRAMES = 600
 """Number of places along a path that are shown."""
 
 _BALL = 0.3
-"""Radius of the ball that shows a point, in cells."""
+"""Smallest radius of the ball that shows the robot, in cell widths."""
 
 
 class PointPlan:
@@ -51,7 +51,7 @@ class PointPlan:
 
     @classmethod
     def of_scene(cls, scene: Scene, space: ConfigurationSpace | None) -> PointPlan:
-        """Return the plan of a scene; `space`: its space, if it is known already."""
+        """Return the solved space of a scene; `space`: space of the scene, None to build it."""
         require_uniform(scene, "the 3-D view")
         problem = problem_of(scene, space=space)
         k = problem.ks[0] if problem.ks else None
@@ -60,14 +60,14 @@ class PointPlan:
 
     @classmethod
     def of_path(cls, path: Streamline) -> PointPlan:
-        """Return the plan of a path's space, with the start of the path."""
+        """Return the solved space of a path, with the start of the path as start."""
         wiring, k = path.field.wiring, path.field.k
         blended = k if 0.0 < k < 1.0 else None
         return cls(plan(path.space, wiring, k=blended), wiring, blended, path.points[0], "")
 
     @property
     def space(self) -> ConfigurationSpace:
-        """The space, with the present goal."""
+        """The configuration space with its current goal."""
         return self.planner.space
 
     @property
@@ -82,32 +82,35 @@ class PointPlan:
 
     @property
     def radius(self) -> float:
-        """Radius of the ball that shows the robot."""
+        """Radius of the ball that shows the robot, in axis units."""
         robot = self.space.robot
         own = robot.radius if isinstance(robot, PointRobot) else 0.0
         return max(own, _BALL * min(axis.spacing for axis in self.axes))
 
     @property
     def centre(self) -> NDArray[np.float64]:
-        """Place in the middle of the view, shape (3,)."""
+        """Place (3,) in the middle of the view, in axis units."""
         return (self.lower + self.upper) / 2
 
     @property
     def size(self) -> float:
-        """Half the diagonal of the grid."""
+        """Extent of the view, in axis units: half the diagonal of the grid."""
         return float(np.linalg.norm(self.upper - self.lower)) / 2
 
     @property
     def handle_size(self) -> float:
-        """Length of the arrows of a handle."""
+        """Length of the arrows of a handle that drags start or goal, in axis units."""
         return max(0.12 * self.size, 2 * self.radius)
 
     def places(self, configurations: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return configurations (n, 3), which are places."""
+        """Return the places (n, 3) of the robot in configurations (n, 3), which are the configurations themselves."""
         return configurations
 
     def towards(self, near: NDArray[np.float64], place: NDArray[np.float64]) -> NDArray[np.float64]:  # noqa: ARG002
-        """Return the place (3,) inside the grid that is nearest to a dragged handle."""
+        """Return the configuration (3,) inside the grid that is nearest to a dragged handle.
+
+        `near` (3,): previous configuration, not used; `place` (3,): position of the handle in the world.
+        """
         return np.clip(place, self.lower, self.upper)
 
     def set_goal(self, goal: NDArray[np.float64]) -> None:
@@ -116,7 +119,7 @@ class PointPlan:
         self.planner = plan(with_goal(self.space, goal), self.wiring, k=self.k)
 
     def motion(self) -> Motion:
-        """Return the path from the start at a constant speed; without a path, a motion that stays at the start."""
+        """Return the path from the start at constant speed; without a path, a motion that stays at the start."""
         path = self.planner.path(self.start)
         if path.outcome is not Outcome.REACHED:
             return self.resting(failure_text(path))
@@ -132,5 +135,5 @@ class PointPlan:
         return Motion(places, every, False, text)
 
     def resting(self, text: str) -> Motion:
-        """Return a motion that stays at the start; `text`: reason."""
+        """Return a motion that stays at the start; `text`: reason, as Markdown."""
         return Motion(np.stack([self.start, self.start]), np.array([0.0, 1.0]), False, text)

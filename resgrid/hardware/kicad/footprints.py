@@ -8,21 +8,22 @@ from dataclasses import dataclass, field
 from resgrid.hardware.kicad.sexpr import NO, YES, Node, Word, format_tree, uuid_of
 
 LIBRARY = "resgrid"
-"""Name of the project's libraries of symbols and footprints."""
+"""Name of the KiCad libraries of symbols and footprints in a board's folder."""
 
 FORMAT = 20241229
-"""Version of KiCad 9's file format of boards and footprints."""
+"""Version of the file format of boards and footprints in KiCad 9."""
 
 PIN_SPACING = 2.54
-"""Distance of the pins of a pin header, in millimetres."""
+"""Distance of the centres of neighbouring pins of a pin header, in millimetres."""
 
 
 @dataclass(frozen=True)
 class Pad:
     """A pad of a footprint.
 
-    `number`: its number, empty for a hole without copper; `x`, `y`: centre in millimetres, y downwards; `width`,
-    `height`: size; `shape`: "circle", "rect" or "roundrect"; `drill`: diameter of the hole, 0 for a pad on the front.
+    `number`: text such as "1", empty for a hole without copper; `x`, `y`: centre relative to the footprint's centre, in
+    millimetres, y downwards; `width`, `height`: in millimetres; `shape`: "circle", "rect" or "roundrect"; `drill`:
+    diameter of the hole in millimetres, 0 for a pad on the front without a hole.
     """
 
     number: str
@@ -36,11 +37,11 @@ class Pad:
 
 @dataclass(frozen=True)
 class Footprint:
-    """A footprint of the project's library.
+    """A footprint in the library of a board's folder; all lengths are in millimetres.
 
     `name`: its name; `about`: description; `pads`: the pads; `silk`: lines (x0, y0, x1, y1) on the front silkscreen;
-    `courtyard`: rectangle (x0, y0, x1, y1) that other parts must leave free, None without one; `attributes`: words
-    such as ``smd``.  All lengths are in millimetres.
+    `courtyard`: rectangle (x0, y0, x1, y1) that other parts must leave free, None without one; `attributes`: KiCad's
+    words for its kind, such as ``smd``.
     """
 
     name: str
@@ -55,10 +56,11 @@ class Footprint:
 class PlacedFootprint:
     """A footprint on the board.
 
-    `footprint`: the footprint; `reference`, `value`: texts; `x`, `y`: centre in millimetres, y downwards; `turn`:
-    rotation in degrees, counterclockwise; `nets`: net of each pad; `label`: place (x, y) of the reference on the
-    silkscreen, relative to the board, None for the fabrication layer; `label_turn`: rotation of the reference;
-    `label_size`: width and height of its letters; `path`: path of its symbol in the schematic.
+    `footprint`: the footprint; `reference`, `value`: texts such as R7 and 10k; `x`, `y`: centre in millimetres, y
+    downwards; `turn`: rotation in degrees, counterclockwise: 0, 90, 180 or 270; `nets`: net of each pad; `label`: place
+    (x, y) of the reference on the board's silkscreen in mm, None if only the fabrication layer shows it; `label_turn`:
+    rotation of the reference; `label_size`: width and height of its letters; `path`: path of its symbol in the
+    schematic.
     """
 
     footprint: Footprint
@@ -74,12 +76,12 @@ class PlacedFootprint:
     path: str = ""
 
     def place_of(self, pad: Pad) -> tuple[float, float]:
-        """Return the centre of a pad on the board, in millimetres."""
+        """Return the centre (x, y) of a pad on the board, in millimetres, y downwards."""
         x, y = {0: (pad.x, pad.y), 90: (pad.y, -pad.x), 180: (-pad.x, -pad.y), 270: (-pad.y, pad.x)}[self.turn]
         return self.x + x, self.y + y
 
     def size_of(self, pad: Pad) -> tuple[float, float]:
-        """Return width and height of a pad on the board, in millimetres."""
+        """Return width and height of a pad on the board, after the rotation of the footprint, in millimetres."""
         return (pad.width, pad.height) if self.turn % 180 == 0 else (pad.height, pad.width)
 
 
@@ -171,7 +173,11 @@ def placed_tree(placed: PlacedFootprint, nets: Mapping[str, int]) -> Node:
 
 
 def _properties(reference: str, value: str, key: str, placed: PlacedFootprint | None = None) -> list[Node]:
-    """Return the texts of a footprint: its reference on the silkscreen or the fabrication layer, and its value."""
+    """Return the S-expressions of the texts of a footprint: reference, value, and two empty ones that KiCad requires.
+
+    `reference`, `value`: texts; `key`: name from which identifiers are derived; `placed`: the footprint on a board,
+    None in a library.
+    """
     where, layer, turn, size = (0.0, 0.0), "F.Fab", 0, (0.8, 0.8)
     if placed is not None and placed.label is not None:
         layer, turn, size = "F.SilkS", placed.label_turn, placed.label_size
@@ -198,7 +204,11 @@ def _effects(size: Sequence[float]) -> Node:
 
 
 def _contents(footprint: Footprint, key: str, nets: Mapping[str, tuple[int, str]], turn: int = 0) -> list[Node]:
-    """Return attributes, lines and pads; `key`: name for identifiers; `nets`: number and name of each pad's net."""
+    """Return the S-expressions of attributes, lines, courtyard and pads of a footprint.
+
+    `key`: name from which identifiers are derived; `nets`: number and name of the net of each pad, by the pad's number;
+    `turn`: rotation of the footprint in degrees.
+    """
     parts: list[Node] = [["attr", *map(Word, footprint.attributes)]] if footprint.attributes else []
     parts += [_line(line, key, number) for number, line in enumerate(footprint.silk)]
     if footprint.courtyard is not None:
@@ -212,7 +222,10 @@ def _contents(footprint: Footprint, key: str, nets: Mapping[str, tuple[int, str]
 
 
 def _line(line: tuple[float, float, float, float], key: str, number: int) -> Node:
-    """Return a line of a footprint on the silkscreen; `key`, `number`: name and number for its identifier."""
+    """Return the S-expression of a line (x0, y0, x1, y1) of a footprint on the silkscreen, in millimetres.
+
+    `key`, `number`: name of the footprint and index of the line, from which the identifier is derived.
+    """
     x0, y0, x1, y1 = line
     return [
         "fp_line", ["start", x0, y0], ["end", x1, y1], ["stroke", ["width", 0.12], ["type", Word("solid")]],
@@ -221,7 +234,11 @@ def _line(line: tuple[float, float, float, float], key: str, number: int) -> Nod
 
 
 def _pad(pad: Pad, key: str, net: tuple[int, str] | None, turn: int) -> Node:
-    """Return the S-expression of a pad; `key`: name of its footprint; `net`: number and name of its net."""
+    """Return the S-expression of a pad.
+
+    `key`: name of its footprint, from which the identifier is derived; `net`: number and name of its net, None without
+    one; `turn`: rotation of the footprint in degrees.
+    """
     kind = "smd" if not pad.drill else "thru_hole" if pad.number else "np_thru_hole"
     layers = ("*.Cu", "*.Mask") if pad.drill else ("F.Cu", "F.Mask", "F.Paste")
     tree: Node = [
@@ -241,7 +258,7 @@ def _pad(pad: Pad, key: str, net: tuple[int, str] | None, turn: int) -> Node:
 class Graphics:
     """Lines and texts of a board that belong to no part.
 
-    `lines`: (x0, y0, x1, y1, width, layer); `texts`: see `Text`.
+    `lines`: ends and width in millimetres, and name of the layer: (x0, y0, x1, y1, width, layer); `texts`: the texts.
     """
 
     lines: list[tuple[float, float, float, float, float, str]] = field(default_factory=list)
@@ -252,8 +269,9 @@ class Graphics:
 class Text:
     """A text on the silkscreen.
 
-    `text`: its words; `x`, `y`: anchor in millimetres; `size`: width and height of letters; `turn`: rotation in
-    degrees; `layer`: name of the layer; `align`: "left", "right" or "" for the centre.
+    `text`: its words; `x`, `y`: anchor in millimetres, y downwards; `size`: width and height of letters in millimetres;
+    `turn`: rotation in degrees; `layer`: name of the layer; `align`: side of the text at the anchor: "left", "right",
+    or "" for the centre; `thickness`: width of its lines in millimetres.
     """
 
     text: str
@@ -267,7 +285,7 @@ class Text:
 
     @property
     def box(self) -> tuple[float, float, float, float]:
-        """Rectangle (x0, y0, x1, y1) that encloses the text, in millimetres."""
+        """Rectangle (x0, y0, x1, y1) that encloses the text, in millimetres, y downwards."""
         width, height = self.size[0] * 0.95 * len(self.text) + 0.1, self.size[1] + 0.2
         start = {"left": 0.0, "right": -width}.get(self.align, -width / 2)
         if self.turn % 180:

@@ -26,12 +26,15 @@ _LAYERS: tuple[tuple[int, str, str, str], ...] = (
     (35, "F.Fab", "user", ""),
     (33, "B.Fab", "user", ""),
 )
-"""Number, name, type and user's name of the layers of a board with two copper layers."""
+"""Number, name, type and displayed name ("" for the name itself) of the layers of a board with two copper layers."""
 
 
 @dataclass(frozen=True)
 class Track:
-    """A straight piece of copper; `start`, `stop`: ends in millimetres; `net`: its net; `layer`; `width`."""
+    """A straight piece of copper.
+
+    `start`, `stop`: ends in mm; `net`: its net; `layer`: name of the copper layer; `width`: in mm.
+    """
 
     start: Point
     stop: Point
@@ -42,7 +45,10 @@ class Track:
 
 @dataclass(frozen=True)
 class Via:
-    """A plated hole that joins both layers; `x`, `y`: centre in millimetres; `net`; `size`, `drill`: diameters."""
+    """A plated hole that joins both copper layers.
+
+    `x`, `y`: centre; `net`: its net; `size`, `drill`: diameters of the copper and of the hole; lengths are in mm.
+    """
 
     x: float
     y: float
@@ -53,7 +59,11 @@ class Via:
 
 @dataclass(frozen=True)
 class Plane:
-    """A filled area of copper; `outline`: corners of its zone; `filled`: polygons of its copper; `clearance`."""
+    """A filled area of copper; lengths are in millimetres.
+
+    `net`: its net; `layer`: name of the copper layer; `outline`: corners of the zone that may be filled; `filled`:
+    corners of each polygon of copper; `clearance`: declared distance from copper of other nets.
+    """
 
     net: str
     layer: str
@@ -64,10 +74,11 @@ class Plane:
 
 @dataclass(frozen=True)
 class BoardDrawing:
-    """Everything on a board.
+    """Contents of a board file.
 
     `title`, `revision`, `comments`: texts of the title block; `size`: width and height in millimetres; `origin`: upper
-    left corner; `radius`: of the rounded corners; `paper`: name of the sheet's size.
+    left corner; `radius`: radius of the rounded corners in millimetres; `paper`: name of the sheet's size;
+    `footprints`: placed parts; `tracks`, `vias`, `plane`: copper; `graphics`: printed lines and texts.
     """
 
     title: str
@@ -117,13 +128,16 @@ def format_board(board: BoardDrawing) -> str:
 
 
 def title_block(title: str, revision: str, comments: Iterable[str]) -> Node:
-    """Return the title block of a schematic or board; there is no date, so that the bytes do not change."""
+    """Return the S-expression of the title block of a schematic or board.
+
+    It states no date, so that the same scene gives the same bytes.
+    """
     numbered = (["comment", number, text] for number, text in enumerate(comments, start=1))
     return ["title_block", ["title", title], ["rev", revision], ["company", "resgrid"], *numbered]
 
 
 def _setup() -> Node:
-    """Return the settings of a board: solder mask covers the vias."""
+    """Return the S-expression of the settings of a board: the solder mask covers the vias."""
     return [
         "setup",
         ["pad_to_mask_clearance", 0],
@@ -133,7 +147,7 @@ def _setup() -> Node:
 
 
 def _outline(board: BoardDrawing) -> list[Node]:
-    """Return the outline of a board, a rectangle with rounded corners."""
+    """Return the S-expressions of the outline of a board, a rectangle with rounded corners."""
     (x0, y0), (width, height), r = board.origin, board.size, board.radius
     x1, y1 = x0 + width, y0 + height
     half = r * (1 - 0.5**0.5)
@@ -161,7 +175,10 @@ def _outline(board: BoardDrawing) -> list[Node]:
 
 
 def _line(number: int, x0: float, y0: float, x1: float, y1: float, width: float, layer: str) -> Node:
-    """Return a line of the graphics; `number`: its number, for its identifier."""
+    """Return the S-expression of a printed line.
+
+    `number`: index of the line, for its identifier; `x0`, `y0`, `x1`, `y1`: ends in mm; `width`: in mm.
+    """
     return [
         "gr_line", ["start", x0, y0], ["end", x1, y1], ["stroke", ["width", width], ["type", Word("solid")]],
         ["layer", layer], uuid_of("line", number),
@@ -169,7 +186,7 @@ def _line(number: int, x0: float, y0: float, x1: float, y1: float, width: float,
 
 
 def _text(number: int, text: Text) -> Node:
-    """Return a text of the graphics, mirrored on the back; `number`: its number, for its identifier."""
+    """Return the S-expression of a printed text, mirrored on the back; `number`: index, for its identifier."""
     justify = [*([Word(text.align)] if text.align else []), *([Word("mirror")] if text.layer.startswith("B.") else [])]
     return [
         "gr_text", text.text, ["at", text.x, text.y, text.turn], ["layer", text.layer], uuid_of("words", number),
@@ -179,7 +196,7 @@ def _text(number: int, text: Text) -> Node:
 
 
 def _track(track: Track, net: int) -> Node:
-    """Return a track; `net`: number of its net."""
+    """Return the S-expression of a track; `net`: number of its net."""
     return [
         "segment", ["start", *track.start], ["end", *track.stop], ["width", track.width], ["layer", track.layer],
         ["net", net], uuid_of("track", *track.start, *track.stop, track.layer),
@@ -187,7 +204,7 @@ def _track(track: Track, net: int) -> Node:
 
 
 def _via(via: Via, net: int) -> Node:
-    """Return a via; `net`: number of its net."""
+    """Return the S-expression of a via; `net`: number of its net."""
     return [
         "via", ["at", via.x, via.y], ["size", via.size], ["drill", via.drill], ["layers", "F.Cu", "B.Cu"],
         ["net", net], uuid_of("via", via.x, via.y),
@@ -195,7 +212,7 @@ def _via(via: Via, net: int) -> Node:
 
 
 def _zone(plane: Plane, net: int) -> Node:
-    """Return the zone of the plane with its computed copper; `net`: number of its net."""
+    """Return the S-expression of the copper plane with its computed polygons; `net`: number of its net."""
     return [
         "zone", ["net", net], ["net_name", plane.net], ["layer", plane.layer], uuid_of("plane"), ["name", "rail plane"],
         ["hatch", Word("edge"), 0.5], ["connect_pads", ["clearance", plane.clearance]], ["min_thickness", 0.25],
@@ -207,5 +224,5 @@ def _zone(plane: Plane, net: int) -> Node:
 
 
 def _points(corners: Iterable[Point]) -> Node:
-    """Return the list of corners of a polygon."""
+    """Return the S-expression of the corners of a polygon, in millimetres."""
     return ["pts", *(["xy", *corner] for corner in corners)]

@@ -23,7 +23,7 @@ RULES = {
     "min_via_annular_width": 0.13,
     "min_via_diameter": 0.5,
 }
-"""Design rules in millimetres, within the limits of all usual manufacturers of boards with two layers."""
+"""Design rules by KiCad's name, in millimetres; all usual manufacturers of boards with two layers meet them."""
 
 _ERRORS_OF_BOARD = (
     "annular_width", "clearance", "copper_edge_clearance", "copper_sliver", "courtyards_overlap",
@@ -36,7 +36,7 @@ _ERRORS_OF_BOARD = (
     "text_thickness", "track_dangling", "track_width", "tracks_crossing", "unconnected_items", "via_dangling",
     "zones_intersect",
 )  # fmt: skip
-"""Violations of design rules that are errors in the project."""
+"""KiCad's names of the violations of design rules that the project treats as errors."""
 
 _ERRORS_OF_SCHEMATIC = (
     "bus_entry_needed", "different_unit_net", "duplicate_reference", "endpoint_off_grid", "footprint_link_issues",
@@ -46,13 +46,13 @@ _ERRORS_OF_SCHEMATIC = (
     "simulation_model_issue", "unconnected_wire_endpoint", "unannotated", "unresolved_variable",
     "wire_dangling",
 )  # fmt: skip
-"""Violations of electrical rules that are errors in the project."""
+"""KiCad's names of the violations of electrical rules that the project treats as errors."""
 
 
 def format_project(name: str, sheets: Sequence[tuple[str, str]]) -> str:
     """Return the text of a project file (``.kicad_pro``).
 
-    `name`: name of the project; `sheets`: identifier and title of every sheet, the root first.
+    `name`: name of the project; `sheets`: UUID and title of every sheet, the root first.
     """
     board = dict.fromkeys(_ERRORS_OF_BOARD, "error")
     schematic = dict.fromkeys(_ERRORS_OF_SCHEMATIC, "error")
@@ -99,7 +99,11 @@ def format_symbol_table() -> str:
 
 
 def _table(keyword: str, file: str, about: str) -> Node:
-    """Return a table with one library; `file`: its name in the project's folder; `about`: its description."""
+    """Return the S-expression of a table with one library.
+
+    `keyword`: KiCad's word for the table; `file`: name of the library in the project's folder; `about`: its
+    description.
+    """
     library: Node = [
         "lib", ["name", LIBRARY], ["type", "KiCad"], ["uri", "${KIPRJMOD}/" + file], ["options", ""], ["descr", about],
     ]  # fmt: skip

@@ -10,17 +10,21 @@ from resgrid.hardware.kicad.sexpr import NO, YES, Node, Word, format_tree, ident
 from resgrid.hardware.kicad.symbols import Symbol, effects, library_name, symbol_tree
 
 FORMAT = 20250114
-"""Version of KiCad 9's file format of schematics."""
+"""Version of the file format of schematics in KiCad 9."""
 
 PROJECT = "grid"
-"""Name of the project and of its files."""
+"""Name of the KiCad project, with which the names of its files begin."""
 
 Point = tuple[float, float]
 
 
 @dataclass(frozen=True)
 class TextPlace:
-    """Place of a text of a symbol, relative to the symbol's centre, in millimetres, y downwards; `size` of letters."""
+    """Place of a text of a symbol.
+
+    `x`, `y`: anchor relative to the symbol's centre, in millimetres, y downwards; `size`: height of letters in
+    millimetres; `align`: side of the text at the anchor: "left", "right", or "" for the centre.
+    """
 
     x: float
     y: float
@@ -32,9 +36,10 @@ class TextPlace:
 class PlacedSymbol:
     """A symbol on a sheet.
 
-    `symbol`: the symbol; `reference`, `value`: texts; `x`, `y`: centre in millimetres, y downwards; `turn`: rotation in
-    degrees, counterclockwise; `footprint`: name of its footprint with the library; `reference_at`, `value_at`: places
-    of the texts, None if hidden; `simulation`: fields of the simulation model by name, None outside the simulation.
+    `symbol`: the symbol; `reference`, `value`: texts such as R7 and 10k; `x`, `y`: centre in millimetres, y downwards;
+    `turn`: rotation in degrees, counterclockwise; `footprint`: name of its footprint with the library, such as
+    ``resgrid:R_0603``; `reference_at`, `value_at`: places of the texts, None if hidden; `simulation`: fields of the
+    simulation model by name, None if the simulation leaves the symbol out.
     """
 
     symbol: Symbol
@@ -51,10 +56,12 @@ class PlacedSymbol:
 
 @dataclass
 class Sheet:
-    """A sheet of the schematic, extended while it is drawn.
+    """A sheet of the schematic, extended while it is drawn; places are (x, y) in millimetres, y downwards.
 
-    `name`: its title, empty for the root; `paper`: name of its size; `symbols`, `wires`, `junctions`, `labels` (text,
-    place, rotation), `notes` (text, place, size), `areas` (corners and colour), `children`: its contents.
+    `name`: its title, empty for the root; `paper`: name of its size; `symbols`: symbols; `wires`: ends of each wire;
+    `junctions`: places at which wires are joined; `labels`: net, place and rotation in degrees; `notes`: text, place
+    and height of letters; `areas`: two opposite corners and red, green, blue from 0 to 255; `children`: further sheets,
+    with place and size of their symbols.
     """
 
     name: str
@@ -69,17 +76,23 @@ class Sheet:
 
     @property
     def file(self) -> str:
-        """Name of the sheet's file."""
+        """Name of the sheet's file (``.kicad_sch``)."""
         return f"{PROJECT}{'_' + self.name.replace(' ', '_') if self.name else ''}.kicad_sch"
 
     @property
     def identity(self) -> str:
-        """Identifier of the sheet: of the file for the root, else of the sheet's symbol in the root."""
+        """UUID by which paths of symbols refer to the sheet.
+
+        It identifies the file for the root, else the sheet's symbol in the root.
+        """
         return identity("sheet", self.name)
 
 
 def symbol_path(sheet: Sheet, reference: str) -> str:
-    """Return the path of a symbol, by which a footprint of the board refers to it."""
+    """Return the path of UUIDs by which a footprint of the board refers to its symbol.
+
+    `reference`: reference of the part.
+    """
     own = f"/{identity('symbol', reference)}"
     return f"/{sheet.identity}{own}" if sheet.name else own
 
@@ -125,7 +138,7 @@ def format_sheet(sheet: Sheet, root: Sheet, title: str, revision: str, comments:
 
 
 def _symbol(placed: PlacedSymbol, path: str) -> Node:
-    """Return a symbol of a sheet; `path`: path of the sheet."""
+    """Return the S-expression of a symbol on a sheet; `path`: path of UUIDs of the sheet."""
     symbol = placed.symbol
     simulated = placed.simulation is not None and symbol.simulated
     fields = [
@@ -153,7 +166,10 @@ def _symbol(placed: PlacedSymbol, path: str) -> Node:
 
 
 def _field(placed: PlacedSymbol, name: str, text: str, place: TextPlace | None) -> Node:
-    """Return a field of a symbol, which is always horizontal; `place`: its place, None if it is hidden."""
+    """Return the S-expression of a field of a symbol, which is always horizontal.
+
+    `name`, `text`: name and value of the field; `place`: its place, None if it is hidden.
+    """
     if place is None:
         return ["property", name, text, ["at", placed.x, placed.y, 0], effects(hidden=True)]
     turned = 90 if placed.turn % 180 else 0
@@ -162,7 +178,7 @@ def _field(placed: PlacedSymbol, name: str, text: str, place: TextPlace | None) 
 
 
 def _wire(start: Point, stop: Point, sheet: str) -> Node:
-    """Return a wire; `sheet`: name of the sheet, for its identifier."""
+    """Return the S-expression of a wire; `sheet`: name of the sheet, from which the identifier is derived."""
     return [
         "wire", ["pts", ["xy", *start], ["xy", *stop]], ["stroke", ["width", 0], ["type", Word("default")]],
         uuid_of("wire", sheet, *start, *stop),
@@ -170,7 +186,10 @@ def _wire(start: Point, stop: Point, sheet: str) -> Node:
 
 
 def _label(number: int, label: tuple[str, Point, int], sheet: str) -> Node:
-    """Return a global label, which names a net on all sheets; `number`: its number, for its identifier."""
+    """Return the S-expression of a global label, which names a net on all sheets.
+
+    `label`: net, place and rotation; `number`, `sheet`: index and sheet, from which the identifier is derived.
+    """
     text, place, turn = label
     align = "right" if turn in (180, 270) else "left"
     return [
@@ -181,7 +200,10 @@ def _label(number: int, label: tuple[str, Point, int], sheet: str) -> Node:
 
 
 def _note(number: int, note: tuple[str, Point, float], sheet: str) -> Node:
-    """Return a text of a sheet; `number`: its number, for its identifier."""
+    """Return the S-expression of a text on a sheet.
+
+    `note`: text, place and height of letters; `number`, `sheet`: index and sheet, from which the identifier is derived.
+    """
     text, place, size = note
     return [
         "text", text, ["exclude_from_sim", YES], ["at", *place, 0], effects(size, align="left"),
@@ -190,7 +212,10 @@ def _note(number: int, note: tuple[str, Point, float], sheet: str) -> Node:
 
 
 def _area(number: int, area: tuple[Point, Point, tuple[int, int, int]], sheet: str) -> Node:
-    """Return a coloured rectangle behind the drawing; `number`: its number, for its identifier."""
+    """Return the S-expression of a coloured rectangle behind the drawing.
+
+    `area`: two corners and the colour; `number`, `sheet`: index and sheet, from which the identifier is derived.
+    """
     start, stop, colour = area
     return [
         "rectangle", ["start", *start], ["end", *stop],
@@ -200,7 +225,10 @@ def _area(number: int, area: tuple[Point, Point, tuple[int, int, int]], sheet: s
 
 
 def _child(child: Sheet, at: Point, size: Point, path: str, page: int) -> Node:
-    """Return the symbol of a sheet on the root; `path`: path of the root; `page`: number of the sheet's page."""
+    """Return the S-expression of the symbol of a further sheet on the root.
+
+    `at`: upper left corner in mm; `size`: width and height in mm; `path`: path of the root; `page`: page of the sheet.
+    """
     return [
         "sheet", ["at", *at], ["size", *size], ["exclude_from_sim", NO], ["in_bom", YES], ["on_board", YES],
         ["dnp", NO], ["stroke", ["width", 0.1524], ["type", Word("solid")]], ["fill", ["color", 0, 0, 0, 0]],

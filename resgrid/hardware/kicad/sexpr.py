@@ -7,11 +7,11 @@ from typing import Any
 from uuid import NAMESPACE_URL, uuid5
 
 Node = list[Any]
-"""A list of an S-expression: its keyword, then words, numbers, texts and further lists."""
+"""A list of an S-expression: its keyword, then words, numbers, texts and nested lists."""
 
 _NAMESPACE = uuid5(NAMESPACE_URL, "resgrid board")
 _DIGITS = 6
-"""Decimal places of numbers; KiCad resolves 1e-6 mm."""
+"""Number of decimal places of lengths in files; KiCad resolves 1e-6 mm."""
 
 
 class Word(str):
@@ -29,7 +29,7 @@ def identity(*names: object) -> str:
 
 
 def uuid_of(*names: object) -> Node:
-    """Return the list ``(uuid "...")`` of the identifier of the given names."""
+    """Return the S-expression ``(uuid "...")`` with a UUID that depends only on the given names."""
     return ["uuid", identity(*names)]
 
 
@@ -45,7 +45,7 @@ def number_text(value: float) -> str:
 
 
 def _lines(tree: Node, level: int) -> Iterator[str]:
-    """Yield pieces of the text of a list; `level`: number of tabs before the list."""
+    """Yield parts of the text of an S-expression, to be joined; `level`: number of tabs before it."""
     head, *rest = tree
     yield f"({head}"
     nested = False
@@ -64,13 +64,16 @@ def _lines(tree: Node, level: int) -> Iterator[str]:
 
 
 def _is_short(tree: Node) -> bool:
-    """Return whether a list contains no lists, except lists of atoms in a list of at most four entries."""
+    """Return whether the text of an S-expression fits on one line.
+
+    This holds if it contains no lists, or has at most four entries whose lists contain no further lists.
+    """
     lists = [entry for entry in tree if isinstance(entry, list)]
     return not lists or (len(tree) <= 4 and not any(isinstance(part, list) for entry in lists for part in entry))
 
 
 def _atom(value: object) -> str:
-    """Return a word, number or truth value as text, and any other text in quotes."""
+    """Return an entry of an S-expression that is not a list as text; texts are quoted, words and numbers are not."""
     if isinstance(value, Word):
         return str(value)
     if isinstance(value, bool):

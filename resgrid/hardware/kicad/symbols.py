@@ -9,14 +9,18 @@ from resgrid.hardware.kicad.footprints import LIBRARY
 from resgrid.hardware.kicad.sexpr import NO, YES, Node, Word, format_tree
 
 FORMAT = 20241209
-"""Version of KiCad 9's file format of symbols."""
+"""Version of the file format of symbols in KiCad 9."""
 
 Line = tuple[tuple[float, float], ...]
 
 
 @dataclass(frozen=True)
 class Pin:
-    """A pin: `number`; `x`, `y`: its end in millimetres, y upwards; `turn`: direction towards the symbol; `length`."""
+    """A pin of a symbol.
+
+    `number`: text such as "1"; `x`, `y`: its outer end in millimetres, y upwards; `turn`: direction from this end to
+    the symbol in degrees, counterclockwise from the right; `length`: in millimetres; `kind`: KiCad's electrical type.
+    """
 
     number: str
     x: float
@@ -28,11 +32,11 @@ class Pin:
 
 @dataclass(frozen=True)
 class Symbol:
-    """A symbol of the project's library.
+    """A symbol in the library of a board's folder; lengths are in millimetres, y upwards.
 
-    `name`: its name; `prefix`: beginning of references; `pins`: its pins; `lines`: drawn lines in millimetres, y
-    upwards; `circles`: centre and radius; `power`: whether it names a net; `simulated`: whether it is part of the SPICE
-    netlist; `on_board`: whether it has a footprint; `in_bom`: whether it is bought.
+    `name`: its name; `prefix`: beginning of references, such as R; `pins`: its pins; `lines`: corners of drawn lines;
+    `circles`: centre x, y and radius; `power`: whether it gives a net its name; `simulated`: whether it is part of the
+    SPICE netlist; `on_board`: whether it has a footprint; `in_bom`: whether the bill of materials lists it.
     """
 
     name: str
@@ -47,7 +51,7 @@ class Symbol:
 
 
 def _box(x0: float, y0: float, x1: float, y1: float) -> Line:
-    """Return a closed rectangle."""
+    """Return the corners of a closed rectangle, in millimetres."""
     return (x0, y0), (x1, y0), (x1, y1), (x0, y1), (x0, y0)
 
 
@@ -111,7 +115,10 @@ def format_symbols(symbols: Sequence[Symbol]) -> str:
 
 
 def symbol_tree(symbol: Symbol, name: str) -> Node:
-    """Return the S-expression of a symbol; `name`: its name, in schematics with the name of the library."""
+    """Return the S-expression of a symbol.
+
+    `name`: name of the symbol, with the library's name in front in schematics.
+    """
     hidden = ["hide", YES]
     texts = (
         ("Reference", symbol.prefix),
@@ -143,7 +150,11 @@ def symbol_tree(symbol: Symbol, name: str) -> Node:
 
 
 def effects(size: float = 1.27, *, hidden: bool = False, align: str = "") -> Node:
-    """Return the S-expression of a font; `size`: of its letters; `align`: "left", "right" or "" for the centre."""
+    """Return the S-expression of a font.
+
+    `size`: height of letters in millimetres; `hidden`: whether the text is not shown; `align`: side of the text at its
+    anchor: "left", "right", or "" for the centre.
+    """
     return [
         "effects", ["font", ["size", size, size]], *([["justify", Word(align)]] if align else []),
         *([["hide", YES]] if hidden else []),
@@ -159,5 +170,5 @@ def _pin(pin: Pin) -> Node:
 
 
 def library_name(symbol: Symbol) -> str:
-    """Return the name of a symbol with the name of the project's library."""
+    """Return the name of a symbol with its library in front, such as ``resgrid:R``."""
     return f"{LIBRARY}:{symbol.name}"

@@ -20,22 +20,31 @@ Flags = NDArray[np.bool_]
 
 
 LOOSE = 0.8
-"""Fraction of the hull's volume below which the pieces of a body replace the hull from the start."""
+"""Ratio of the summed volume of a body's convex pieces to that of its convex hull below which the body is loose.
+
+Proofs for a loose body start with its pieces; proofs for other bodies start with the hull.
+"""
 
 
 BALL_STEPS = 50
-"""Number of steps of the search for a small ball around a piece."""
+"""Number of steps of the search for a small ball around a piece with more than 8 points; others get no step."""
 
 
 class TreeArrays(NamedTuple):
-    """Joints and convex pieces of a tree, input of the kernels.
+    """The k joints and p convex pieces of a kinematic tree, input of the kernels.
 
-    `parent, driver` (k,); `rotation` (k, 3, 3), `translation` (k, 3): placement of a joint in its parent's frame;
-    `direction` (k, 3); `prismatic` (k,); `factor, offset` (k,): see `KinematicTree`.
-    `x, y, z` (v,): points of all pieces, in metres, in the frame of the body's joint; `first` (p + 1,): piece i owns
-    the points ``first[i] .. first[i + 1] - 1``; `radius` (p,): of the pieces, in metres; `centre` (p, 3), `reach` (p,):
-    ball around a piece; `joint` (p,): joint that moves a piece, -1 for the world; `flat` (p,): whether a piece is a
-    half-space; `normal` (p, 3): its unit normal, which points out of it.
+    Joints: `parent` (k,): joint whose frame carries a joint, -1 for the world; `driver` (k,): index of the moving joint
+    (axis of the space) that determines a joint's value; `factor, offset` (k,): the value is ``factor *
+    configuration[driver] + offset``, in radians or metres; `rotation` (k, 3, 3), `translation` (k, 3): pose of a
+    joint's frame in its parent's frame at the value 0, in metres; `direction` (k, 3): unit vector along the joint's
+    axis, in its own frame; `prismatic` (k,): whether the joint translates.
+
+    Pieces: `x, y, z` (v,): points of all pieces, in metres, in the frame of the body's joint; `first` (p + 1,): piece i
+    owns the points ``first[i] .. first[i + 1] - 1``; `radius` (p,): distance in metres from the hull of these points up
+    to which space belongs to the piece; `centre` (p, 3), `reach` (p,): centre and radius of a ball around the piece, in
+    metres; `joint` (p,): joint that moves the piece, -1 for none; `flat` (p,): whether the piece is a half-space;
+    `normal` (p, 3): unit normal of the half-space, which points out of it; 0 for other pieces.
+
     `chain` (pairs, 2, longest): joints between the common ancestor and the first and the second body of a pair, the
     nearest to the ancestor first, padded by -1.
     """
@@ -68,13 +77,13 @@ class ProofArrays:
     Attributes
     ----------
     tree : TreeArrays
-        Input of the kernels.
+        Joints, convex pieces and chains of joints, the input of the kernels.
     hull : ndarray of int64, shape (bodies,)
-        Index of the piece that contains a whole body.
+        Index of the piece that is the convex hull of the body, with padding.
     spans : ndarray of int64, shape (bodies, 2)
         First index, and last index plus 1, of the pieces whose union contains a body.
     is_loose : ndarray of bool, shape (bodies,)
-        Whether the pieces of a body are much smaller than the hull, so that proofs start with the pieces.
+        Whether the pieces of a body have less than `LOOSE` of the volume of its hull, so that proofs start with them.
     drivers : tuple of tuple of int
         For every pair: sorted indices of the moving joints that change the relative pose of its bodies.
     """
@@ -87,7 +96,11 @@ class ProofArrays:
 
 
 def proof_arrays(tree: KinematicTree) -> ProofArrays:
-    """Return the arrays of a tree; raise InputError for half-spaces that move, and for values that are not finite."""
+    """Return the arrays of a tree for the kernels.
+
+    Raises InputError for a half-space that moves or is the first body of a pair, for a body without points, and for
+    values that are not finite.
+    """
     pieces: list[ConvexPiece] = []
     joints: list[int] = []
     hull, spans = [], []
@@ -114,7 +127,10 @@ def proof_arrays(tree: KinematicTree) -> ProofArrays:
 
 
 def _check_pieces(body: Body, pieces: Sequence[ConvexPiece]) -> None:
-    """Raise InputError for pieces of a body with which nothing can be proven."""
+    """Raise InputError for a half-space that moves with a joint, and for a piece without points or with invalid values.
+
+    Invalid are coordinates and radii that are not finite, and negative radii. `pieces`: all pieces of `body`.
+    """
     if body.joint >= 0 and any(piece.normal is not None for piece in pieces):
         raise InputError(f"{body.name} is a half-space and moves with a joint; use a box in its place")
     for piece in pieces:
@@ -126,14 +142,17 @@ def _check_pieces(body: Body, pieces: Sequence[ConvexPiece]) -> None:
 
 
 def _is_loose(body: Body) -> bool:
-    """Return whether the pieces of a body have less than a fraction of `LOOSE` of the volume of its hull."""
+    """Return whether the summed volume of a body's pieces is below `LOOSE` times the volume of its hull.
+
+    False for a body with a single piece, and for a half-space.
+    """
     if len(body.pieces) < 2 or body.hull.normal is not None:
         return False
     return sum(map(_volume, body.pieces)) < LOOSE * _volume(body.hull)
 
 
 def _volume(piece: ConvexPiece) -> float:
-    """Return the volume of the core of a piece in cubic metres; 0 if the core is flat."""
+    """Return the volume of the convex hull of a piece's points in cubic metres, without the radius; 0 if it is flat."""
     try:
         return float(ConvexHull(piece.points).volume)
     except (QhullError, ValueError):
@@ -141,7 +160,11 @@ def _volume(piece: ConvexPiece) -> float:
 
 
 def pair_chains(tree: KinematicTree, first: int, second: int) -> tuple[list[int], list[int]]:
-    """Return the joints between the common ancestor and each of two bodies, the nearest to the ancestor first."""
+    """Return the joints between the common ancestor and each of two bodies, the nearest to the ancestor first.
+
+    The common ancestor is the last joint that carries both bodies, or the world. `first, second`: indices of the
+    bodies. The two lists of joint indices contain the joint of the respective body and exclude the ancestor.
+    """
     ancestors = [_ancestors(tree, tree.bodies[body].joint) for body in (first, second)]
     common = set(ancestors[0]) & set(ancestors[1])
     one, other = ([joint for joint in reversed(side) if joint not in common] for side in ancestors)
@@ -149,7 +172,7 @@ def pair_chains(tree: KinematicTree, first: int, second: int) -> tuple[list[int]
 
 
 def _ancestors(tree: KinematicTree, joint: int) -> list[int]:
-    """Return a joint and the joints that carry it, the nearest to the world last."""
+    """Return the indices of a joint and of the joints that carry it, the nearest to the world last; [] for -1."""
     found = []
     while joint >= 0:
         found.append(joint)
@@ -160,7 +183,11 @@ def _ancestors(tree: KinematicTree, joint: int) -> list[int]:
 def _tree_arrays(
     tree: KinematicTree, pieces: list[ConvexPiece], joints: list[int], chains: list[tuple[list[int], list[int]]]
 ) -> TreeArrays:
-    """Return the input of the kernels; `joints` (p,): joints of the pieces; `chains`: of every pair."""
+    """Return the joints and pieces of a tree as arrays for the kernels.
+
+    `pieces`: convex pieces of all bodies; `joints`: index of the joint that moves each piece, -1 for none; `chains`:
+    for every pair of bodies, the joints between the common ancestor and each body (see `pair_chains`).
+    """
     longest = max((len(side) for sides in chains for side in sides), default=0)
     chain = np.full((len(chains), 2, max(longest, 1)), -1, dtype=np.int64)
     for row, sides in enumerate(chains):
@@ -207,7 +234,7 @@ def _flags(values: ArrayLike) -> Flags:
 
 
 def _unit(normal: Floats | None) -> Floats:
-    """Return the unit vector along the normal of a half-space; zeros for other pieces."""
+    """Return the unit vector (3,) along the normal (3,) of a half-space; zeros for None (a piece of another kind)."""
     return np.zeros(3) if normal is None else np.asarray(normal / np.linalg.norm(normal))
 
 

@@ -1,4 +1,8 @@
-"""Batches of boxes of joint values, and their division into smaller boxes."""
+"""Batches of boxes of joint values, and their division into smaller boxes.
+
+There are m moving joints, in radians or metres; g of them belong to a group of pairs of bodies.  A batch has n boxes
+and t items, each a pair of convex pieces in one box.
+"""
 
 from __future__ import annotations
 
@@ -16,15 +20,15 @@ class Group:
     Attributes
     ----------
     joints : tuple of int
-        Indices of these moving joints.
+        Indices of these g moving joints, ascending.
     pairs : ndarray of int64, shape (p,)
-        Indices of the pairs.
+        Indices of the pairs of bodies in ``KinematicTree.pairs``.
     edges : tuple of ndarray of float64
-        Cell borders of the axes of these joints.
+        For every joint of the group, the borders of the cells of its axis (cells + 1,), in radians or metres.
     middle : ndarray of float64, shape (m,)
-        Configuration for the values of the other joints.
+        Configuration in the middle of all axes; it sets the joints outside the group, which do not matter.
     excess : ndarray of float64, shape (m,)
-        Rounding error of joint values, added to the half widths of boxes; 0 for the other joints.
+        Rounding error of joint values, added to the half widths of boxes; 0 for joints outside the group.
     """
 
     joints: tuple[int, ...]
@@ -46,17 +50,18 @@ class Batch:
     Attributes
     ----------
     lower, upper : ndarray of float64, shape (n, m)
-        Corners of the boxes, in joint units.
+        Lowest and highest value of every moving joint in a box, in radians or metres.
     first : ndarray of int64, shape (n + 1,)
         Box i has the items ``first[i] .. first[i + 1] - 1``.
     items : ndarray of int64, shape (t, 3)
-        Pair of bodies, piece of the first body, piece of the second one.
+        Index of the pair of bodies, and indices of a convex piece of its first and of its second body.
     hints : ndarray of float64, shape (t, 3)
-        Likely separating directions, from the second piece to the first one.
+        Unit vectors from the second piece to the first one along which the pieces are likely to be apart.
     owner : ndarray of int64, shape (n,)
-        Number of the cell that contains a box, in C order of the block; -1 for a box of several cells.
+        Number of the cell that contains a box, in C order of the block of cells; -1 for a box of several cells.
     low, high : ndarray of int64, shape (n, g)
-        First cell, and last cell plus 1, of a box along the joints of its group.
+        Index of the first cell, and of the last cell plus 1, along every joint of the group: the cells of the box, or
+        the cell that contains it.
     """
 
     lower: Floats
@@ -72,15 +77,18 @@ class Batch:
         return len(self.lower)
 
     def boxes_of_items(self) -> Integers:
-        """Return the box of every item, shape (t,)."""
+        """Return the index of the box to which every item belongs, shape (t,)."""
         return np.repeat(np.arange(len(self)), np.diff(self.first))
 
     def select(self, rows: Flags) -> Batch:
-        """Return the boxes of a mask (n,), with all their items."""
+        """Return the boxes in the mask `rows` (n,), with all their items."""
         return self.keep(rows, np.repeat(rows, np.diff(self.first)))
 
     def keep(self, rows: Flags, items: Flags) -> Batch:
-        """Return the boxes of a mask (n,), with the items of a mask (t,)."""
+        """Return the boxes in the mask `rows` (n,), with those of their items that are in the mask `items` (t,).
+
+        Items of other boxes must not be in the mask.
+        """
         per_box = np.bincount(self.boxes_of_items()[items], minlength=len(self))[rows]
         return Batch(
             self.lower[rows], self.upper[rows], np.concatenate([[0], np.cumsum(per_box)]), self.items[items],
@@ -97,7 +105,10 @@ class Batch:
         return Batch(lower, upper, first, items, hints, owner, low, high)
 
     def halve(self, weight: Floats) -> Batch:
-        """Return the halves of all boxes, cut along the joint with the largest weight; `weight` (n, m)."""
+        """Return the two halves of every box: first all lower halves, then all upper halves.
+
+        A box is cut in the middle of the joint with its largest weight. `weight` (n, m): displacement by every joint.
+        """
         count = len(self)
         rows, joint = np.arange(count), weight.argmax(axis=1)
         middle = 0.5 * (self.lower[rows, joint] + self.upper[rows, joint])
@@ -107,7 +118,11 @@ class Batch:
         return halves
 
     def split_cells(self, group: Group, weight: Floats) -> Batch:
-        """Return two parts of all boxes, cut between cells along the joint with the largest weight; `weight` (n, m)."""
+        """Return two parts of every box of several cells, cut between cells: first all lower parts, then the others.
+
+        The cut lies along the joint with the largest weight, among those with at least two cells. `weight` (n, m):
+        displacement by every joint.
+        """
         count, size = len(self), self.high - self.low
         rows, axis = np.arange(count), np.where(size > 1, weight[:, list(group.joints)], -1.0).argmax(axis=1)
         middle = self.low[rows, axis] + size[rows, axis] // 2
@@ -117,7 +132,7 @@ class Batch:
         return halves.with_corners(group)
 
     def with_corners(self, group: Group) -> Batch:
-        """Return the batch with corners in joint units that belong to the ranges of cells."""
+        """Return the batch with `lower` and `upper` recomputed from the ranges of cells `low` and `high`."""
         lower, upper = np.tile(group.middle, (2, len(self), 1))
         for axis, joint in enumerate(group.joints):
             lower[:, joint] = group.edges[axis][self.low[:, axis]]
@@ -125,9 +140,10 @@ class Batch:
         return replace(self, lower=lower, upper=upper)
 
     def with_pieces(self, coarse: Flags, bodies: Integers, spans: Integers) -> Batch:
-        """Return the batch with items replaced by one item for every pair of pieces of their bodies.
+        """Return the batch with some items replaced by one item for every pair of pieces of their two bodies.
 
-        `coarse` (t,): the replaced items; `bodies` (t, 2): bodies of the items; `spans` (bodies, 2): pieces of a body.
+        `coarse` (t,): mask of the replaced items; `bodies` (t, 2): indices of the bodies of every item; `spans`
+        (bodies, 2): first index, and last index plus 1, of the pieces of every body.
         """
         if not coarse.any():
             return self
@@ -145,9 +161,11 @@ class Batch:
 
 
 def whole_block(group: Group, arrays: ProofArrays, pairs: Integers, low: Integers, high: Integers) -> Batch:
-    """Return a block of cells as one box with all pairs of a group.
+    """Return a batch of one box, a whole block of cells, with items for all pairs of a group.
 
-    `pairs` (p, 2): bodies of all pairs; `low, high` (g,): first cells, and last cells plus 1.
+    An item is a pair of convex hulls, or, if a body of the pair is loose, every pair of convex pieces.  `pairs` (p, 2):
+    bodies of all pairs of the tree; `low, high` (g,): index of the block's first cell, and of its last cell plus 1,
+    along every joint of the group.
     """
     bodies = pairs[group.pairs]
     items = np.column_stack([group.pairs, arrays.hull[bodies]])

@@ -36,17 +36,18 @@ from resgrid.robots.urdf.arrays import Flags, Floats, Integers, TreeArrays
 from resgrid.robots.urdf.simplex_kernels import dot, drop_corners, nearest_on_simplex
 
 MAX_STEPS = 24
-"""Maximum number of steps of the search for a separating direction."""
+"""Maximum number of steps of the search for a separating direction; the best bound so far is then the result."""
 
 TOLERANCE = 1e-7
-"""Distance in metres at which swept pieces count as touching, and relative accuracy of distances."""
+"""Distance in metres between swept pieces at which the search for a separating direction ends: the pieces touch."""
 
 
 class Frames(NamedTuple):
-    """Poses of the joints at one configuration; entry 0 is the world, entry j + 1 joint j.
+    """Poses of the k joints' frames in the world at one configuration; entry 0 is the world, entry j + 1 joint j.
 
-    `rotation` (k + 1, 3, 3); `origin` (k + 1, 3) in metres; `axis` (k + 1, 3): unit vector along a joint's axis;
-    `local` (3, 3): work array.
+    `rotation` (k + 1, 3, 3): rotation matrix from a joint's frame to the world; `origin` (k + 1, 3): origin of a
+    joint's frame in the world, in metres; `axis` (k + 1, 3): unit vector along a joint's axis, in the world; `local`
+    (3, 3): work array, the rotation by one joint in the joint's own frame.
     """
 
     rotation: Floats
@@ -56,14 +57,22 @@ class Frames(NamedTuple):
 
 
 class Sweep(NamedTuple):
-    """Motion of the two pieces of an item, in the frame of each piece's joint; side 0 or 1, joints in chain order.
+    """Motion of the two pieces of an item, a pair of convex pieces, while joints move within a box.
 
-    `piece, frame, chained` (2,): index of the piece, of its frame, number of joints; `joint` (2, K): index of a joint;
-    `prismatic` (2, K); `axis, origin` (2, K, 3): axis of a joint and a point of it; `half` (2, K): largest motion in
-    radians or metres; `cosine, sine` (2, K): of the half widths; `chord` (2, K): largest displacement per metre of
-    distance from the axis, for a prismatic joint in metres; `turn` (2, K): ``2 sin(t / 2)`` of the joints before;
-    `ball` (2, V): sum over joints of turn times displacement, of every point of the piece, in metres; `level` (V,):
-    work array; `point` (2, 3): point of the swept piece that is the lowest, in the world; `vertex` (2,): its index.
+    The first index of an array is the side: 0 for the first piece, 1 for the second one. Vectors are in the frame of
+    the joint that carries the piece, at the centre of the box. The second index counts the joints that move the piece
+    relative to the common ancestor of both bodies, the nearest to the ancestor first; K is the largest number of such
+    joints.
+
+    `piece, frame, chained` (2,): index of the piece, index of its frame in `Frames`, and number of moving joints;
+    `joint` (2, K): index of a joint; `prismatic` (2, K): whether the joint translates; `axis, origin` (2, K, 3): unit
+    vector along the joint's axis, and a point of the axis in metres; `half` (2, K): largest motion from the centre, in
+    radians or metres; `cosine, sine` (2, K): cosine and sine of this angle, at most pi; `chord` (2, K): largest
+    displacement of a point per metre of distance from the axis, for a prismatic joint in metres; `turn` (2, K): ``2
+    sin(t / 2)``, with ``t`` the sum of the angles of the joints before; `ball` (2, V): for every point of the piece,
+    the sum over joints of turn times displacement, in metres; `level` (V,): work array, height of every point along a
+    direction; `point` (2, 3): lowest point of the swept piece along the last direction, in the world, in metres;
+    `vertex` (2,): index in `TreeArrays.x` of the vertex that moves to this point.
     """
 
     piece: Integers
@@ -85,11 +94,14 @@ class Sweep(NamedTuple):
 
 
 class Search(NamedTuple):
-    """Work arrays of the search for a separating direction.
+    """Work arrays of the search for a direction along which the swept sets of two pieces are separated (GJK).
 
-    `normal` (3,): current direction, from the second piece to the first; `best` (3,): direction with the largest gap;
-    `corners` (4, 3): simplex; `weights, trial` (4,); `nearest` (3,): point of the simplex nearest to the origin;
-    `local, across` (3,): directions in the frame of a piece.
+    `normal` (3,): current unit direction, from the second piece to the first, in the world; `best` (3,): direction with
+    the largest gap so far; `corners` (4, 3): corners of the simplex, differences of points of both swept pieces, in
+    metres; `weights` (4,): barycentric weights of the corners for the point of the simplex that is nearest to the
+    origin; `trial` (4,): such weights for one face of a tetrahedron; `nearest` (3,): the nearest point; `local` (3,):
+    the direction, with the sign of a side, in the frame of this side's piece; `across` (3,): work array for a vector or
+    a point in the frame of a piece.
     """
 
     normal: Floats
@@ -104,14 +116,17 @@ class Search(NamedTuple):
 
 @inner
 def copy(target: Floats, source: Floats) -> None:
-    """Copy a vector."""
+    """Copy the vector `source` to the vector `target`, of equal length."""
     for i in range(len(target)):
         target[i] = source[i]
 
 
 @inner
 def place(values: Floats, tree: TreeArrays, frames: Frames) -> None:
-    """Write the poses of all joints at a configuration `values` (m,): forward kinematics, Rodrigues' formula."""
+    """Write the poses of all joints to `frames`: forward kinematics, with Rodrigues' formula.
+
+    `values` (m,): configuration, values of the moving joints in radians or metres; `tree`: joints of the robot.
+    """
     local = frames.local
     for joint in range(len(tree.parent)):
         base, value = tree.parent[joint] + 1, tree.factor[joint] * values[tree.driver[joint]] + tree.offset[joint]
@@ -146,7 +161,11 @@ def place(values: Floats, tree: TreeArrays, frames: Frames) -> None:
 
 @inner
 def _to_local(vector: Floats, frames: Frames, frame: int, out: Floats) -> None:
-    """Write a vector of the world in coordinates of a frame."""
+    """Write the coordinates of a vector in a joint's frame to `out` (3,).
+
+    `vector` (3,): the vector in the world; `frames`: poses of the joints; `frame`: index into `frames`, 0 for the
+    world, j + 1 for joint j.
+    """
     rotation = frames.rotation[frame]
     for i in range(3):
         out[i] = rotation[0, i] * vector[0] + rotation[1, i] * vector[1] + rotation[2, i] * vector[2]
@@ -156,7 +175,12 @@ def _to_local(vector: Floats, frames: Frames, frame: int, out: Floats) -> None:
 def sweep_side(
     side: int, piece: int, pair: int, half: Floats, tree: TreeArrays, frames: Frames, sweep: Sweep, search: Search
 ) -> None:
-    """Write the motion of one piece of an item; `half` (m,): half widths of the box of the moving joints."""
+    """Write the motion of one piece of an item (a pair of pieces) to `sweep`, except the fields of points.
+
+    `side`: 0 for the first piece of the item, 1 for the second; `piece`: index of the piece; `pair`: index of the pair
+    of bodies; `half` (m,): half widths of the box of the moving joints, in radians or metres; `frames`: poses of the
+    joints at the centre of the box; `search`: work arrays.
+    """
     frame = tree.joint[piece] + 1
     sweep.piece[side], sweep.frame[side], sweep.chained[side] = piece, frame, 0
     turned = 0.0
@@ -185,7 +209,10 @@ def sweep_side(
 
 @inner
 def _from_axis(x: float, y: float, z: float, axis: Floats, origin: Floats) -> float:
-    """Return the distance of a point from a line."""
+    """Return the distance, in metres, of the point (x, y, z) from a line.
+
+    `axis` (3,): unit vector along the line; `origin` (3,): a point of the line.
+    """
     x, y, z = x - origin[0], y - origin[1], z - origin[2]
     along = x * axis[0] + y * axis[1] + z * axis[2]
     return math.sqrt(max(x * x + y * y + z * z - along * along, 0.0))
@@ -193,7 +220,12 @@ def _from_axis(x: float, y: float, z: float, axis: Floats, origin: Floats) -> fl
 
 @inner
 def weigh_points(side: int, tree: TreeArrays, sweep: Sweep) -> None:
-    """Write the radii of the balls around the points of a piece: displacements times the turn of the joints before."""
+    """Write the radii of the balls around the points of a piece to ``sweep.ball[side]``, in metres.
+
+    A radius is the sum, over the joints that move the piece, of the point's largest displacement by the joint times
+    ``2 sin(t / 2)``, with ``t`` the sum of the largest angles of the joints before. It bounds the effect of the
+    rotation by the joints before on the direction of the displacement. `side`: 0 for the first piece, 1 for the second.
+    """
     first, last = tree.first[sweep.piece[side]], tree.first[sweep.piece[side] + 1]
     xs, ys, zs = tree.x[first:last], tree.y[first:last], tree.z[first:last]
     ball = sweep.ball[side]
@@ -211,7 +243,11 @@ def weigh_points(side: int, tree: TreeArrays, sweep: Sweep) -> None:
 
 @inner
 def ball_gap(tree: TreeArrays, frames: Frames, sweep: Sweep) -> float:
-    """Return a lower bound of the distance, in metres, of the moving balls around both pieces of an item."""
+    """Return a lower bound of the distance, in metres, between the balls around both pieces while joints move.
+
+    The bound is negative if the balls may overlap. `frames`: poses at the centre of the box of joint values; `sweep`:
+    motion of both pieces.
+    """
     squared, gap = 0.0, 0.0
     a, b = tree.centre[sweep.piece[0]], tree.centre[sweep.piece[1]]
     first, second = frames.rotation[sweep.frame[0]], frames.rotation[sweep.frame[1]]
@@ -235,7 +271,11 @@ def ball_gap(tree: TreeArrays, frames: Frames, sweep: Sweep) -> float:
 
 @inner
 def _arc_levels(level: Floats, side: int, k: int, tree: TreeArrays, sweep: Sweep, search: Search) -> None:
-    """Add to the levels of the points the lowest level of the arc on which joint number k of a chain moves them."""
+    """Add to `level` (V,), for every point of a piece, the lowest change of height along its arc about a joint.
+
+    The height is the coordinate along the direction ``search.local``, in metres; the change is 0 or negative. `side`: 0
+    for the first piece, 1 for the second; `k`: number of the revolute joint among those that move the piece.
+    """
     first, last = tree.first[sweep.piece[side]], tree.first[sweep.piece[side] + 1]
     xs, ys, zs = tree.x[first:last], tree.y[first:last], tree.z[first:last]
     n, w, o = search.local, sweep.axis[side, k], sweep.origin[side, k]
@@ -254,9 +294,11 @@ def _arc_levels(level: Floats, side: int, k: int, tree: TreeArrays, sweep: Sweep
 
 @inner
 def lowest(side: int, sign: float, tree: TreeArrays, frames: Frames, sweep: Sweep, search: Search) -> float:
-    """Return the lowest level of ``sign * normal`` over a moving piece without its radius, and note where it is.
+    """Return the lowest coordinate along ``sign * search.normal`` that a moving piece reaches, in metres.
 
-    Writes the point of the swept piece in the world and the index of its vertex to `sweep`.
+    The result is a lower bound for the core of the piece, without its radius. The lowest point of the swept piece, in
+    the world, and the index of its vertex are written to ``sweep.point`` and ``sweep.vertex``. `side`: 0 for the first
+    piece, 1 for the second; `sign`: 1 for the first piece, -1 for the second; `frames`: poses at the centre of the box.
     """
     frame, piece = sweep.frame[side], sweep.piece[side]
     normal = search.normal
@@ -285,7 +327,11 @@ def lowest(side: int, sign: float, tree: TreeArrays, frames: Frames, sweep: Swee
 
 @inner
 def _extreme_point(side: int, at: int, tree: TreeArrays, frames: Frames, sweep: Sweep, search: Search) -> None:
-    """Write the point, in the world, at which a moving vertex is the lowest; `at`: index of the vertex in its piece."""
+    """Write the point at which a moving vertex is the lowest to ``sweep.point[side]``, in the world, in metres.
+
+    The lowest point is that with the smallest coordinate along ``search.local``. `side`: 0 for the first piece, 1 for
+    the second; `at`: index of the vertex in its piece, from 0.
+    """
     frame, n, p = sweep.frame[side], search.local, search.across
     vertex = sweep.vertex[side]
     x, y, z = tree.x[vertex], tree.y[vertex], tree.z[vertex]
@@ -317,8 +363,11 @@ def _extreme_point(side: int, at: int, tree: TreeArrays, frames: Frames, sweep: 
 def largest_gap(margin: float, exact: bool, tree: TreeArrays, frames: Frames, sweep: Sweep, search: Search) -> float:
     """Return a lower bound of the gap, in metres, between the moving pieces, and write its direction to `search.best`.
 
-    Stops at the first direction with a positive gap, or with `exact` at the direction of the largest gap.  The start
-    is the direction `search.normal`.  `margin`: distance in metres that is subtracted from the gap.
+    The bound is the largest one of all directions that the search has visited; it is negative or 0 if none proves that
+    the pieces stay apart.  The search starts with the direction `search.normal`.  `margin`: distance in metres that is
+    subtracted from the gap; `exact`: whether to continue to the direction of the largest gap, otherwise the search
+    stops at the first direction with a positive gap; `frames`, `sweep`: poses at the centre of the box, and motion of
+    both pieces.
     """
     radii = tree.radius[sweep.piece[0]] + tree.radius[sweep.piece[1]] + margin
     is_flat = tree.flat[sweep.piece[1]]

@@ -30,9 +30,10 @@ from resgrid.robots.urdf.simplex_kernels import dot
 class Boxes(NamedTuple):
     """Boxes of joint values, and items: the pairs of pieces that are not yet proven to stay apart in a box.
 
-    `lower, upper` (n, m): corners, in joint units; `first` (n + 1,): box i has the items ``first[i] .. first[i + 1] -
-    1``; `items` (t, 3): pair of bodies, piece of the first body, piece of the second one; `hints` (t, 3): likely
-    separating directions, from the second piece to the first one.
+    `lower, upper` (n, m): lowest and highest values of the m moving joints in every box, in radians or metres; `first`
+    (n + 1,): box i has the items ``first[i] .. first[i + 1] - 1``; `items` (t, 3): index of the pair of bodies, and
+    indices of a convex piece of its first and of its second body; `hints` (t, 3): unit vectors from the second piece to
+    the first one, in the world, along which the pieces are likely to be apart.
     """
 
     lower: Floats
@@ -43,12 +44,14 @@ class Boxes(NamedTuple):
 
 
 class Findings(NamedTuple):
-    """Results of the test of n boxes with t items.
+    """Results of the test of n boxes with t items (pairs of convex pieces); the worst item has the smallest bound.
 
-    `is_open` (t,): items that are not proven; `touching` (t,): open items whose pieces overlap at the centre of the
-    box, if this was tested; `weight` (n, m): displacement by every moving joint that the worst open item contains;
-    `probe` (n, m): configuration at which the worst item's pieces overlap; `probe_item` (n,): this item, -1 for none;
-    `counts` (2,): number of evaluated bounds, of tests of fixed configurations.
+    `is_open` (t,): whether an item is not proven to stay apart; `touching` (t,): whether the pieces of an open item
+    overlap at the centre of the box, False if this was not tested; `weight` (n, m): displacement of the pieces of the
+    box's worst open item towards each other, in metres, by every moving joint, not written for a box without open
+    items; `probe` (n, m): configuration at which the pieces of the worst item overlap, in radians or metres, only
+    written if there is one; `probe_item` (n,): index of this item, -1 without such a configuration; `counts` (2,):
+    running numbers of evaluated bounds, and of tests of pieces at fixed configurations.
     """
 
     is_open: Flags
@@ -60,10 +63,12 @@ class Findings(NamedTuple):
 
 
 class Work(NamedTuple):
-    """Work arrays: poses at the centre and at a corner of a box, motions, search, and vectors (m,).
+    """Work arrays of the test of one box of joint values.
 
-    `middle, half`: centre and half widths of a box; `still`: zeros; `slope`: derivative of a gap by every moving joint;
-    `target`: a configuration.
+    `frames, corner`: poses of the joints at the centre and at a corner of the box; `sweep`: motion of the two pieces of
+    an item; `search`: arrays of the search for a separating direction; `middle, half` (m,): centre and half widths of
+    the box, in radians or metres; `still` (m,): zeros, half widths of a fixed configuration; `slope` (m,): derivative
+    of the gap between two pieces by every moving joint, in metres per joint unit; `target` (m,): tested configuration.
     """
 
     frames: Frames
@@ -78,7 +83,7 @@ class Work(NamedTuple):
 
 
 def new_work(tree: TreeArrays, joints: int) -> Work:
-    """Return work arrays for a tree with a number of moving joints."""
+    """Return new work arrays; `tree`: joints and pieces; `joints`: number of moving joints."""
     points, count = int(np.diff(tree.first).max(initial=1)), len(tree.parent) + 1
     frames = [
         Frames(np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3)), np.zeros((count, 3)), np.zeros((3, 3)))
@@ -111,14 +116,23 @@ def new_work(tree: TreeArrays, joints: int) -> Work:
 
 @inner
 def _load(item: Integers, half: Floats, tree: TreeArrays, frames: Frames, sweep: Sweep, search: Search) -> None:
-    """Write the motion of the two pieces of an item in a box of half widths `half` (m,)."""
+    """Write the motion of both pieces of an item to `sweep`, for joints that move within a box.
+
+    `item` (3,): index of the pair of bodies, and indices of a piece of both; `half` (m,): half widths of the box in
+    radians or metres; `frames`: poses of the joints at the centre of the box.
+    """
     for side in range(2):
         sweep_side(side, item[1 + side], item[0], half, tree, frames, sweep, search)
 
 
 @inner
 def _gap(hint: Floats, margin: float, exact: bool, tree: TreeArrays, frames: Frames, work: Work) -> float:
-    """Return the bound of `largest_gap` for the motion that was loaded, from a start direction (3,)."""
+    """Return a lower bound of the gap, in metres, between the two pieces whose motion ``work.sweep`` contains.
+
+    The direction of the bound is written to ``work.search.best``. `hint` (3,): direction at which the search starts;
+    `margin`: distance in metres that is subtracted from the gap; `exact`: whether to continue to the direction of the
+    largest gap after a positive one; `frames`: poses of the joints at the centre of the box.
+    """
     for side in range(2):
         weigh_points(side, tree, work.sweep)
     copy(work.search.normal, hint)
@@ -127,7 +141,11 @@ def _gap(hint: Floats, margin: float, exact: bool, tree: TreeArrays, frames: Fra
 
 @inner
 def _add_weights(side: int, weight: Floats, tree: TreeArrays, work: Work) -> None:
-    """Add to `weight` (m,) the displacements, towards the other piece, of the lowest vertex by every moving joint."""
+    """Add to `weight` (m,) bounds, in metres, on how far every moving joint moves a piece towards the other one.
+
+    The motion is that of the vertex that comes closest to the other piece along the current direction. `side`: 0
+    for the first piece of the item in ``work.sweep``, 1 for the second.
+    """
     sweep = work.sweep
     vertex, n = sweep.vertex[side], work.search.local
     p = work.search.across
@@ -152,7 +170,11 @@ def _add_weights(side: int, weight: Floats, tree: TreeArrays, work: Work) -> Non
 
 @inner
 def _weigh(item: Integers, best: Floats, weight: Floats, tree: TreeArrays, work: Work) -> None:
-    """Write the displacements of an item's pieces by every moving joint along the direction `best` (3,)."""
+    """Write to `weight` (m,) how far every moving joint moves an item's pieces towards each other, in metres.
+
+    `item` (3,): index of the pair of bodies, and indices of a piece of both; `best` (3,): unit vector from the second
+    piece to the first, along which displacements are measured.
+    """
     for d in range(len(weight)):
         weight[d] = 0.0
     _load(item, work.half, tree, work.frames, work.sweep, work.search)
@@ -165,7 +187,11 @@ def _weigh(item: Integers, best: Floats, weight: Floats, tree: TreeArrays, work:
 
 @inner
 def _slopes(item: Integers, tree: TreeArrays, work: Work) -> None:
-    """Write the derivative of the gap of an item by every moving joint to `work.slope`; the pieces do not move."""
+    """Write the derivative of an item's gap by every moving joint to ``work.slope`` (m,), in metres per joint unit.
+
+    The gap is that between the lowest points of both pieces, ``work.sweep.point``, at the centre of the box, along the
+    direction ``work.search.best``. `item` (3,): index of the pair of bodies, and indices of a piece of both.
+    """
     for d in range(len(work.slope)):
         work.slope[d] = 0.0
     n, p, frames = work.search.best, work.search.across, work.frames
@@ -190,9 +216,12 @@ def _slopes(item: Integers, tree: TreeArrays, work: Work) -> None:
 
 @inner
 def _probe(item: Integers, hint: Floats, probe: Floats, tree: TreeArrays, work: Work) -> int:
-    """Return 1 if the pieces of an item overlap at the centre of the box, 2 if at the corner they approach, else 0.
+    """Return 1 if the pieces of an item overlap at the centre of the box, 2 if at one corner of the box, else 0.
 
-    Writes the configuration to `probe` (m,), and the direction of the distance at the centre to `hint` (3,).
+    The corner is the one towards which every moving joint reduces the gap at the centre. The tested configuration,
+    centre or corner, is written to `probe` (m,). `item` (3,): index of the pair of bodies, and indices of a piece of
+    both; `hint` (3,): direction at which the search starts, replaced by the direction of the gap at the centre if the
+    pieces are apart there.
     """
     _load(item, work.still, tree, work.frames, work.sweep, work.search)
     copy(probe, work.middle)
@@ -209,7 +238,11 @@ def _probe(item: Integers, hint: Floats, probe: Floats, tree: TreeArrays, work: 
 
 @inner
 def _bound_items(box: int, boxes: Boxes, margin: float, tree: TreeArrays, found: Findings, work: Work) -> int:
-    """Mark the open items of a box, improve their hints, and return the item of the smallest bound; -1 for none."""
+    """Mark the open items of a box in `found`, and return the index of the item with the smallest bound; -1 for none.
+
+    An item is open if no positive lower bound of its gap, less the margin, was found. The best direction of every item
+    replaces its hint. `box`: number of the box; `margin`: distance in metres by which pieces must stay apart.
+    """
     worst, least = -1, np.inf
     for i in range(boxes.first[box], boxes.first[box + 1]):
         item = boxes.items[i]
@@ -234,9 +267,10 @@ def bound_boxes(
 ) -> None:
     """Test boxes: prove that items stay apart, weigh the joints of the worst open item, and find likely collisions.
 
-    `excess` (m,): rounding error of joint values, added to half widths; `margin`: distance in metres by which pieces
-    must stay apart; `probing`: 0 for no test of likely collisions, 1 for the worst item, 2 for all open items at the
-    centre; `work`: work arrays, see `new_work`.
+    The worst item of a box has the smallest lower bound of the gap. `excess` (m,): rounding error of joint values,
+    added to half widths; `margin`: distance in metres by which pieces must stay apart; `probing`: items that are tested
+    at the centre of the box and at the corner at which their pieces are likely to be closest: 0 for none, 1 for the
+    worst item, 2 for all open items; `found`: receives the results; `work`: work arrays, see `new_work`.
     """
     count = len(excess)
     for box in range(len(boxes.lower)):

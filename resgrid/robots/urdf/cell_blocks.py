@@ -1,4 +1,8 @@
-"""Verdicts of one block of cells, for the pairs of bodies that depend on the same joints."""
+"""Verdicts of one block of cells, for the pairs of bodies that depend on the same joints.
+
+An *item* of a box of joint values is a pair of convex pieces, one of either body of a pair, that is not yet proven to
+stay apart while the joints move within the box.
+"""
 
 from __future__ import annotations
 
@@ -13,18 +17,21 @@ from resgrid.robots.urdf.batches import Batch, Group, whole_block
 from resgrid.robots.urdf.collision import CollisionChecker
 
 MAX_ITEMS = 100_000
-"""Number of items above which a batch is divided; limits the memory."""
+"""Number of items (pairs of convex pieces in a box) above which a batch of boxes is divided, to limit the memory."""
 
 MAX_BOUNDS = 5_000
-"""Number of items of all boxes of a cell after which the cell stays undecided."""
+"""Number of evaluated items, summed over all boxes of a cell, after which the cell stays undecided."""
 
 
 MAX_TESTS = 64
-"""Number of collision tests of exact solids in a cell after which the search for a collision in it ends."""
+"""Number of collision tests of exact solids in a cell after which the search for a collision in the cell ends.
+
+This limit applies to cells in which convex pieces overlap, so that they cannot be proven free.
+"""
 
 
 class CellVerdict(IntEnum):
-    """Verdict of a cell of a configuration space."""
+    """Verdict of a cell of a configuration space about collisions of some or all pairs of bodies."""
 
     FREE = 0
     """Proven: no configuration of the cell collides."""
@@ -40,8 +47,9 @@ class CellVerdict(IntEnum):
 class BlockProof:
     """Verdicts of the cells of a block, and the work that they took.
 
-    `verdict`: uint8, shape of the block; `bounds`: number of evaluated bounds; `probes`: number of tests of convex
-    pieces at single configurations; `tests`: number of collision tests of exact solids.
+    `verdict`: value of `CellVerdict` of every cell, uint8, shape of the block; `bounds`: number of evaluated lower
+    bounds of the distance of two convex pieces in a box; `probes`: number of tests of two convex pieces at single
+    configurations; `tests`: number of collision tests of exact solids.
     """
 
     verdict: NDArray[np.uint8]
@@ -52,10 +60,12 @@ class BlockProof:
 
 @dataclass(frozen=True, eq=False)
 class _Likely:
-    """Likely collisions of boxes that are not proven.
+    """Likely collisions in n boxes that are not proven, with t items (pairs of convex pieces).
 
-    `touching` (t,): items whose pieces overlap at the centre of the box; `weight` (n, m): displacement by every moving
-    joint; `probe` (n, m): configuration at which the pieces of an item overlap; `item` (n,): this item, -1 for none.
+    `touching` (t,): whether the pieces of an item overlap at the centre of the box, False if this was not tested;
+    `weight` (n, m): displacement in metres, by every moving joint, of the pieces of the item with the smallest bound;
+    `probe` (n, m): configuration at which the pieces of this item overlap; `item` (n,): index of this item, -1 if no
+    such configuration was found (`probe` is then not meaningful).
     """
 
     touching: Flags
@@ -70,15 +80,15 @@ class BlockProver:
     Parameters
     ----------
     arrays : ProofArrays
-        Input of the kernels.
+        Joints and convex pieces, the input of the kernels.
     checker : CollisionChecker
         Collision tests of the exact solids.
     group : Group
-        Pairs of bodies and their joints.
+        The pairs of bodies whose relative poses depend on the same moving joints.
     halvings : int
-        Largest number of times that a cell is halved.
+        Largest number of successive halvings of a box, from the whole cell on.
     margin : float
-        Distance in metres by which proven cells stay away from collisions.
+        Distance in metres by which the bodies of every pair stay apart in a cell that is proven free.
     """
 
     def __init__(
@@ -96,7 +106,7 @@ class BlockProver:
         Parameters
         ----------
         low : ndarray of int64, shape (g,)
-            First cell of the block.
+            Index of the first cell of the block along every axis of the group's grid.
         known : ndarray of uint8, shape of the block
             Verdicts by other groups.  Cells with a collision are skipped; undecided cells are only tested for
             collisions at a few configurations.
@@ -119,7 +129,7 @@ class BlockProver:
         return self._proof
 
     def _without_known(self, batch: Batch) -> Batch:
-        """Return the boxes that contain cells without a known collision."""
+        """Return the boxes that contain at least one cell without a known collision by another group's pairs."""
         wanted = self._known != CellVerdict.COLLISION
         if wanted.all():
             return batch
@@ -133,9 +143,11 @@ class BlockProver:
         return batch.select(count > 0)
 
     def _bound(self, batch: Batch, probing: int) -> tuple[Batch, _Likely]:
-        """Return the boxes that are not proven, with the open items and better hints, and likely collisions.
+        """Return the boxes that are not proven, with the items that are not proven, and their likely collisions.
 
-        Boxes of several cells that are proven are marked as free.  `probing`: see `bound_boxes`.
+        The items have new hints, the best directions of the search.  The cells of proven boxes of several cells get the
+        verdict free.  `probing`: items that are tested for overlaps at single configurations: 0 for none, 1 for the
+        item with the smallest bound in every box, 2 for all items that are not proven.
         """
         from resgrid.robots.urdf.box_kernels import Boxes, Findings, bound_boxes, new_work
 
@@ -199,10 +211,11 @@ class BlockProver:
         verdict[cells[(volume[cells] == 1.0) & (verdict[cells] != CellVerdict.COLLISION)]] = CellVerdict.FREE
 
     def _colliding(self, batch: Batch, likely: _Likely, tests: Integers, *, whole: bool) -> Integers:
-        """Return the cells in which exact solids collide at a probed configuration.
+        """Return the numbers of the cells in which exact solids collide at a tested configuration, shape (hits,).
 
-        `tests`: number of tests of every cell, increased by those made here; `whole`: whether all items that overlap at
-        the centre of a box are tested, otherwise only the probed ones.
+        Numbers are in C order of the block.  `batch`, `likely`: boxes that are not proven, and configurations at which
+        convex pieces overlap; `tests` (cells,): number of tests of every cell, increased by those made here; `whole`:
+        whether all items that overlap at the centre of a box are tested, otherwise only those of ``likely.item``.
         """
         rows = np.flatnonzero(likely.item >= 0)
         pairs, configurations, owners = batch.items[likely.item[rows], 0], likely.probe[rows], batch.owner[rows]
@@ -228,11 +241,14 @@ class BlockProver:
         return np.concatenate(hits) if hits else np.zeros(0, dtype=np.int64)
 
     def _is_coarse(self, batch: Batch) -> Flags:
-        """Return the items (t,) of whole hulls, of which at least one has several pieces."""
+        """Return the mask (t,) of the items that pair two convex hulls, at least one of them around several pieces."""
         bodies = self._pairs[batch.items[:, 0]]
         is_hull = (batch.items[:, 1:] == self._arrays.hull[bodies]).all(axis=1)
         return np.asarray(is_hull & (np.diff(self._arrays.spans, axis=1)[bodies, 0] > 1).any(axis=1))
 
     def _with_pieces(self, batch: Batch, coarse: Flags) -> Batch:
-        """Return a batch in which some items of hulls (t,) are replaced by the pieces of their bodies."""
+        """Return a batch in which some items are replaced by one item for every pair of pieces of their two bodies.
+
+        `coarse` (t,): mask of the replaced items, which are pairs of convex hulls.
+        """
         return batch.with_pieces(coarse, self._pairs[batch.items[:, 0]], self._arrays.spans)

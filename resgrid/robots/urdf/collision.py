@@ -13,10 +13,13 @@ from resgrid.robots.urdf.exact_solids import PlacedSolid, coal_module
 from resgrid.robots.urdf.tree import KinematicTree
 
 BATCH = 4096
-"""Largest number of configurations whose poses are computed at once."""
+"""Largest number of configurations for which the poses of all joints are computed at once, which limits the memory."""
 
 BOUNDS = 1_000_000
-"""Largest number of bounds of distances that are computed at once: number of configurations times number of pairs."""
+"""Largest number of bounds of distances that are computed at once, which limits the memory.
+
+One bound is computed for every configuration and every pair of bodies.
+"""
 
 _Floats = NDArray[np.float64]
 _Worlds = Sequence[_Floats]
@@ -48,7 +51,7 @@ class CollisionChecker:
         return CollisionChecker, (self.tree,)
 
     def collides(self, configurations: ArrayLike) -> NDArray[np.bool_]:
-        """Return whether any pair of bodies collides, shape (n,), for configurations (n, m)."""
+        """Return whether any pair of bodies collides, shape (n,), for configurations (n, m) in radians or metres."""
         return self.first_pairs(configurations) >= 0
 
     def first_pairs(
@@ -56,7 +59,8 @@ class CollisionChecker:
     ) -> NDArray[np.int64]:
         """Return the index of the first pair that collides, -1 for none, shape (n,), for configurations (n, m).
 
-        `pairs`: indices of the tested pairs in the order of the tests, by default of all pairs.
+        `configurations`: values of the m moving joints, in radians or metres; `pairs`: indices of the tested pairs in
+        ``tree.pairs``, in the order of the tests; None for all pairs. Raises InputError for a wrong number of values.
         """
         values = self._checked(configurations)
         tested = range(len(self.tree.pairs)) if pairs is None else pairs
@@ -66,21 +70,26 @@ class CollisionChecker:
         return found
 
     def names(self, pair: int) -> tuple[str, str]:
-        """Return the names of the two bodies of a pair."""
+        """Return the names of the two bodies of a pair; `pair`: index in ``tree.pairs``."""
         first, second = self.tree.pairs[pair]
         return self.tree.bodies[first].name, self.tree.bodies[second].name
 
     def collide_in_pairs(self, configurations: _Floats, pairs: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return whether pair ``pairs[i]`` collides at configuration i, shape (n,), for configurations (n, m)."""
+        """Return whether pair ``pairs[i]`` collides at configuration i, shape (n,).
+
+        `configurations` (n, m): values of the m moving joints, in radians or metres; `pairs` (n,): indices in
+        ``tree.pairs``.
+        """
         found = np.zeros(len(pairs), dtype=bool)
         for batch in _batches(len(pairs)):
             found[batch] = self._tests.collide(self.tree.frames(configurations[batch]), pairs[batch])
         return found
 
     def distance(self, configurations: ArrayLike) -> _Floats:
-        """Return the smallest distance of all pairs in metres, shape (n,), for configurations (n, m).
+        """Return the smallest distance between the bodies of any pair in metres, shape (n,), for configurations (n, m).
 
-        The distance is 0 for a collision, and infinite without pairs.
+        The distance is 0 if a pair collides, and infinite for a tree without pairs. Raises InputError for a wrong
+        number of values of a configuration.
         """
         values = self._checked(configurations)
         found = np.full(len(values), np.inf)
@@ -89,7 +98,7 @@ class CollisionChecker:
         return found
 
     def _checked(self, configurations: ArrayLike) -> _Floats:
-        """Return configurations as an array (n, m); raise InputError for another shape."""
+        """Return one configuration (m,) or several (n, m) as an array (n, m); raise InputError for another shape."""
         values = np.atleast_2d(np.asarray(configurations, dtype=np.float64))
         if values.ndim != 2 or values.shape[1] != len(self.tree.moving):
             raise InputError(
@@ -108,7 +117,11 @@ class CollisionChecker:
 
 
 class _PairTests:
-    """Tests of the pairs of a tree, for poses of all joints, `frames` (n, k, 4, 4)."""
+    """Tests of the pairs of a tree at n configurations.
+
+    The methods take `frames` (n, k, 4, 4), the poses in the world of the k joints at every configuration, and `worlds`,
+    the poses in the world of all solids, (n, 4, 4) or (1, 4, 4) each. A pair is an index in ``tree.pairs``.
+    """
 
     def __init__(self, tree: KinematicTree) -> None:
         coal = coal_module()
@@ -122,7 +135,7 @@ class _PairTests:
         self._distance_request, self._distance_result = coal.DistanceRequest(), coal.DistanceResult()
 
     def first_pairs(self, frames: _Floats, pairs: Iterable[int]) -> NDArray[np.int64]:
-        """Return the first of some pairs that collides, -1 for none, (n,)."""
+        """Return the first of the given pairs that collides at every configuration, -1 for none, shape (n,)."""
         found = np.full(len(frames), -1, dtype=np.int64)
         worlds = self._worlds(frames)
         boxes = [solid.boxes(world) for solid, world in zip(self._solids, worlds, strict=True)]
@@ -136,12 +149,12 @@ class _PairTests:
         return found
 
     def collide(self, frames: _Floats, pairs: NDArray[np.int64]) -> list[bool]:
-        """Return for every configuration whether its pair collides; `pairs` (n,)."""
+        """Return for every configuration whether its pair collides; `pairs` (n,): one pair per configuration."""
         worlds = self._worlds(frames)
         return [self._collides(pair, worlds, index) for index, pair in enumerate(pairs.tolist())]
 
     def distances(self, frames: _Floats) -> _Floats:
-        """Return the smallest distance of all pairs in metres, (n,)."""
+        """Return the smallest distance of all pairs in metres, (n,): 0 for a collision, infinite without pairs."""
         worlds = self._worlds(frames)
         boxes = [solid.boxes(world) for solid, world in zip(self._solids, worlds, strict=True)]
         bounds = np.empty((len(frames), len(self._pairs)))
@@ -157,11 +170,11 @@ class _PairTests:
         return nearest
 
     def _worlds(self, frames: _Floats) -> _Worlds:
-        """Return the poses of all solids in the world, (n, 4, 4) or (1, 4, 4) each."""
+        """Return the poses of all solids in the world: (n, 4, 4), or (1, 4, 4) for a solid that does not move."""
         return [solid.worlds(frames) for solid in self._solids]
 
     def _collides(self, pair: int, worlds: _Worlds, index: int) -> bool:
-        """Return whether a pair collides at configuration number `index`."""
+        """Return whether a pair collides at configuration number `index`, from 0."""
         first, second = self._pairs[pair]
         one, other = self._solids[first], self._solids[second]
         one.move(worlds[first], index)
@@ -182,6 +195,6 @@ class _PairTests:
 
 
 def _batches(count: int, most: int = BATCH) -> Iterator[slice]:
-    """Return the slices of batches of `count` configurations; `most`: largest number in a batch."""
+    """Return slices that divide `count` configurations into batches of at most `most`, limited to 1 to `BATCH`."""
     size = max(min(most, BATCH), 1)
     return (slice(start, min(start + size, count)) for start in range(0, count, size))

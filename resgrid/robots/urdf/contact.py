@@ -12,8 +12,8 @@ from resgrid.robots.urdf.exact_solids import coal_geometry, coal_module
 def touch(first: Body, second: Body) -> bool:
     """Return whether the solids of two bodies in the same frame touch each other; raise ToolMissingError without coal.
 
-    Bodies whose hulls have disjoint bounding boxes are apart, without coal.  A solid inside the surface of
-    a mesh touches the mesh.
+    Bodies whose hulls a coordinate axis separates are apart, without the use of coal; so is a body whose hull lies
+    outside a half-space.  A solid inside the surface of a mesh touches the mesh.
     """
     if _apart(first.hull, second.hull) or _apart(second.hull, first.hull):
         return False
@@ -26,7 +26,11 @@ def touch(first: Body, second: Body) -> bool:
 
 
 def _is_inside(solid: Solid, mesh: Solid) -> bool:
-    """Return whether a solid lies inside a mesh whose surface it does not cross: whether one of its points does."""
+    """Return whether one point of a solid lies inside the surface of a mesh; False if `mesh` is no mesh.
+
+    If the solid does not cross the surface, all of it is then inside. The point is the first vertex of a mesh, or the
+    centre of another solid; the result is False for a half-space.
+    """
     if mesh.kind != "mesh" or solid.kind == "half_space":
         return False
     point = solid.placement[:3, 3] + (solid.placement[:3, :3] @ solid.points[0] if solid.kind == "mesh" else 0.0)
@@ -37,7 +41,8 @@ def _is_inside(solid: Solid, mesh: Solid) -> bool:
 def _apart(first: ConvexPiece, second: ConvexPiece) -> bool:
     """Return whether a coordinate axis, or the normal of a half-space, separates two convex pieces.
 
-    Only the first piece may be a half-space here; two half-spaces count as touching.
+    The pieces are in one frame. The result is False if the second piece is a half-space, so that both orders must be
+    tried; two half-spaces count as touching.
     """
     if second.normal is not None:
         return False

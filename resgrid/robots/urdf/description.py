@@ -22,20 +22,23 @@ from resgrid.errors import InputError, suggestion
 from resgrid.robots.urdf.elements import attribute, origin_of, scalar, vector
 
 MAX_BYTES = 1 << 28
-"""Maximum size of an XML file, in bytes."""
+"""Maximum size of a URDF or SRDF file, in bytes; larger files raise InputError."""
 
 JointKind = Literal["revolute", "continuous", "prismatic", "fixed", "floating", "planar"]
-"""Joint types of the URDF format."""
+"""Joint types of the URDF format; other types raise InputError."""
 
 SHAPES = ("box", "cylinder", "sphere", "capsule", "mesh")
-"""Geometry elements that collision elements may contain."""
+"""Names of the geometry elements that a collision element may contain; each contains exactly one."""
 
 
 @dataclass(frozen=True, eq=False)
 class Geometry:
-    """A collision geometry: shape, lengths in metres, mesh file as written, its scale, and pose in the link's frame.
+    """A collision geometry of a link.
 
-    `size`: three sides of a box; radius and length of a cylinder or capsule; radius of a sphere; empty for a mesh.
+    `shape`: name of the element, an entry of `SHAPES`; `size`: lengths in metres: three sides of a box; radius and
+    length of a cylinder; radius and length of the straight part of a capsule; radius of a sphere; empty for a mesh;
+    `placement` (4, 4): pose in the link's frame; `mesh`: address of the mesh file as written, empty for other shapes;
+    `scale`: factors on the coordinates of the mesh file along its axes, possibly negative.
     """
 
     shape: str
@@ -47,10 +50,13 @@ class Geometry:
 
 @dataclass(frozen=True, eq=False)
 class Joint:
-    """A joint of the file: kind, links, pose in the parent link's frame, axis in the joint's frame, and its limits.
+    """A joint of the URDF file.
 
-    `limits`: lower and upper limit in radians or metres, None without limits; `velocity`: speed limit in rad/s or m/s,
-    infinite without one; `mimic`: driving joint, factor and offset, None for an independent joint.
+    `name, kind`: name and type; `parent, child`: names of the links that it connects; `placement` (4, 4): pose of the
+    joint's frame in the parent link's frame at the joint value 0; `axis` (3,): unit vector along the axis, in the
+    joint's frame; `limits`: lower and upper limit in radians or metres, None without limits; `velocity`: speed limit in
+    rad/s or m/s, infinite without one; `mimic`: name of the driving joint, factor and offset of a joint with the value
+    ``factor * driver + offset``, None for an independent joint.
     """
 
     name: str
@@ -66,7 +72,11 @@ class Joint:
 
 @dataclass(frozen=True, eq=False)
 class Description:
-    """A URDF file: its path, the geometries of every link, and the joints by name, parents before children."""
+    """The content of a URDF file.
+
+    `file`: path of the file; `root`: name of the link that is no joint's child; `links`: collision geometries of every
+    link, by name; `joints`: joints by name, parents before children.
+    """
 
     file: Path
     root: str
@@ -108,7 +118,10 @@ def read_description(file: Path) -> Description:
 
 
 def read_robot(file: Path) -> Element:
-    """Return the element ``<robot>`` of a URDF or SRDF file; raise InputError if the file has none."""
+    """Return the root element ``<robot>`` of a URDF or SRDF file.
+
+    Raises InputError for a file that is missing, too large or not XML, has another root element, or has xacro macros.
+    """
     data = read_bytes(file, MAX_BYTES)
     try:
         robot = ElementTree.fromstring(data)
@@ -123,14 +136,17 @@ def read_robot(file: Path) -> Element:
 
 
 def _check_unique(kind: str, names: Iterable[str], file: Path) -> None:
-    """Raise InputError if two elements of a kind have the same name."""
+    """Raise InputError if two elements have the same name; `kind`: "link" or "joint", for the message."""
     repeated = [name for name, count in Counter(names).items() if count > 1]
     if repeated:
         raise InputError(f"{file}: {kind} {repeated[0]!r} is defined more than once; give every {kind} its own name")
 
 
 def _geometry(collision: Element, place: str) -> Geometry:
-    """Return the geometry of a collision element of the link that `place` names."""
+    """Return the geometry of a collision element; raise InputError unless it contains one valid geometry.
+
+    `place`: file and link, for messages.
+    """
     parent = collision.find("geometry")
     found = [] if parent is None else [each for each in parent if isinstance(each.tag, str)]
     if len(found) != 1 or found[0].tag not in SHAPES:
@@ -154,7 +170,10 @@ def _geometry(collision: Element, place: str) -> Geometry:
 
 
 def _joint(element: Element, file: str) -> Joint:
-    """Return the joint of an element; raise InputError for an unknown type, a reversed range or a zero axis."""
+    """Return the joint that an element ``<joint>`` describes.
+
+    Raises InputError for an unknown type, a missing link, a reversed range, a zero axis or text that is no number.
+    """
     name = attribute(element, "name", f"{file}: a joint")
     place = f"{file}: joint {name!r}"
     kind = attribute(element, "type", place)
@@ -179,7 +198,12 @@ def _joint(element: Element, file: str) -> Joint:
 
 
 def _limits(limit: Element | None, kind: str, place: str) -> tuple[tuple[float, float] | None, float]:
-    """Return the range of a joint, None without one, and its speed limit; a speed of 0 stands for no limit."""
+    """Return the range of a joint in radians or metres, None without one, and its speed limit in rad/s or m/s.
+
+    The speed limit is infinite without the element, without its attribute ``velocity`` and for 0, which some files use
+    for an unknown limit. Only revolute and prismatic joints have a range. `limit`: element ``<limit>`` or None; `kind`:
+    type of the joint; `place`: file and joint, for messages.
+    """
     if limit is None:
         return None, float("inf")
     velocity = scalar(limit, "velocity", 0.0, place)
@@ -197,7 +221,10 @@ def _limits(limit: Element | None, kind: str, place: str) -> tuple[tuple[float, 
 
 
 def _mimic(mimic: Element | None, place: str) -> tuple[str, float, float] | None:
-    """Return driving joint, factor and offset of a mimic element; None without one."""
+    """Return driving joint, factor and offset of an element ``<mimic>``; None for None.
+
+    The defaults are 1 for the factor and 0 for the offset. `place`: file and joint, for messages.
+    """
     if mimic is None:
         return None
     place = f"{place}: mimic"

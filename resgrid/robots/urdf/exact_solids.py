@@ -16,7 +16,7 @@ from resgrid.robots.convex import Solid
 _Floats = NDArray[np.float64]
 
 ENLARGED = 1e-9
-"""Distance in metres by which bounding boxes are enlarged, for rounding errors."""
+"""Distance in metres by which every side of a bounding box is moved outwards, to allow for rounding errors."""
 
 
 class PlacedSolid:
@@ -27,12 +27,12 @@ class PlacedSolid:
     solid : Solid
         The solid.
     joint : int
-        Joint that moves the solid; -1 for none.
+        Index of the joint whose frame carries the solid; -1 for a solid that does not move.
 
     Attributes
     ----------
     geometry, pose : coal.CollisionGeometry, coal.Transform3s
-        Arguments of the functions of coal.
+        Geometry, and its present pose in the world (at first the solid's placement): arguments of coal's functions.
     """
 
     def __init__(self, solid: Solid, joint: int) -> None:
@@ -47,31 +47,47 @@ class PlacedSolid:
         self._point = solid.points[0] if solid.kind == "mesh" else np.zeros(3)
 
     def worlds(self, frames: _Floats) -> _Floats:
-        """Return the poses in the world (n, 4, 4) for poses of all joints (n, k, 4, 4); (1, 4, 4) without a joint."""
+        """Return the poses of the solid in the world, (n, 4, 4), or (1, 4, 4) for a solid that does not move.
+
+        `frames` (n, k, 4, 4): poses of the k joints in the world at n configurations.
+        """
         if self.joint < 0:
             return self._placement[np.newaxis]
         return np.asarray(frames[:, self.joint] @ self._placement)
 
     def boxes(self, worlds: _Floats) -> tuple[_Floats, _Floats]:
-        """Return centres and half sides (n, 3) of bounding boxes along the axes of the world, for poses (n, 4, 4)."""
+        """Return centres and half sides, (n, 3) each, in metres, of boxes along the axes of the world around the solid.
+
+        `worlds` (n, 4, 4): poses of the solid in the world.  The half sides are infinite for a half-space.
+        """
         rotations = worlds[:, :3, :3]
         half = np.abs(rotations) @ self._half if self._is_bounded else np.full((len(worlds), 3), np.inf)
         return rotations @ self._centre + worlds[:, :3, 3], half
 
     def move(self, worlds: _Floats, index: int) -> None:
-        """Set the pose to one of the poses in the world (n, 4, 4)."""
+        """Set `pose` to ``worlds[index]``; without effect for a solid that does not move.
+
+        `worlds` (n, 4, 4): poses of the solid in the world.
+        """
         if self.joint >= 0:
             self.pose.setTransform(worlds[index, :3, :3], worlds[index, :3, 3])
 
     def contains_a_point_of(self, other: PlacedSolid) -> bool:
-        """Return whether this solid is a closed mesh in which a point of another solid lies, at the present poses."""
+        """Return whether this solid is a closed mesh that contains one point of another solid, at the present poses.
+
+        The point is the first vertex of a mesh, or the centre of another solid; a half-space gives False.
+        """
         if self._interior is None or not self._interior.is_closed or not other._is_bounded:
             return False
         return self._interior.contains(self.pose.inverseTimes(other.pose).transform(other._point))
 
 
 class _Interior:
-    """Test of points inside a mesh whose surface is closed: the winding number of van Oosterom and Strackee (1983)."""
+    """Test of points inside a mesh with a closed surface, by the winding number of van Oosterom and Strackee (1983).
+
+    `lower, upper` (3,): corners of the mesh's bounding box; `is_closed`: whether every edge is used once in either
+    direction; `corners` (t, 3, 3): vertices of the triangles, None for an open surface.
+    """
 
     def __init__(self, solid: Solid) -> None:
         points, triangles = np.asarray(solid.points), np.asarray(solid.triangles)
@@ -86,7 +102,7 @@ class _Interior:
         self.corners = points[triangles] if self.is_closed else None
 
     def contains(self, point: _Floats) -> bool:
-        """Return whether a point (3,) in the frame of the mesh is inside."""
+        """Return whether a point (3,) in the frame of the mesh is inside; always False for an open surface."""
         if self.corners is None or (point <= self.lower).any() or (point >= self.upper).any():
             return False
         a, b, c = np.moveaxis(self.corners - point, 1, 0)
@@ -98,7 +114,10 @@ class _Interior:
 
 
 def _extent(solid: Solid) -> tuple[_Floats, _Floats]:
-    """Return the lower and upper corner (3,) of a bounding box, in the frame of the solid's placement."""
+    """Return the lower and upper corner (3,) of a bounding box, in metres, in the frame of the solid's placement.
+
+    Coordinates are infinite for a half-space, except for its border at z = 0.
+    """
     if solid.kind == "half_space":
         return np.full(3, -np.inf), np.array([np.inf, np.inf, 0.0])
     if solid.kind == "mesh":
@@ -114,7 +133,7 @@ def _extent(solid: Solid) -> tuple[_Floats, _Floats]:
 
 
 def coal_geometry(solid: Solid) -> Any:
-    """Return a solid as a coal geometry, in the frame of its placement."""
+    """Return a solid as a geometry of the package coal, in the frame of the solid's placement, in metres."""
     coal = coal_module()
     if solid.kind == "half_space":
         return coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0)

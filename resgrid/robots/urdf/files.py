@@ -10,11 +10,11 @@ from urllib.parse import unquote, urlsplit
 from resgrid.errors import InputError
 
 _MAX_LISTED = 4
-"""Number of folders and paths that a message lists."""
+"""Largest number of folders or paths that a message lists; it states how many others there are."""
 
 
 def locate(address: str, urdf: Path, packages: Sequence[Path], place: str) -> Path:
-    """Return the path of a file that a URDF file refers to.
+    """Return the path of an existing file that a URDF file refers to.
 
     A plain path is relative to the folder of the URDF file.  A package is searched in `packages` (folders that contain
     it or have its name), then in the folders above the URDF file, then in the environment variables
@@ -67,14 +67,20 @@ def _package_folders(package: str, urdf: Path, packages: Sequence[Path]) -> Iter
 
 
 def _within(folder: Path, package: str) -> Iterator[Path]:
-    """Yield a folder if it has the name of a package, and the path of the package inside the folder."""
+    """Yield a folder if it has the name of a package, then in every case the folder's subfolder of this name.
+
+    The paths may not exist. `package`: name of the package.
+    """
     if folder.name == package or folder.resolve().name == package:
         yield folder
     yield folder / package
 
 
 def _existing(candidates: Sequence[Path], address: str, place: str) -> Path:
-    """Return the first path that exists; raise InputError with the tried paths otherwise."""
+    """Return the first path that exists; raise InputError with the tried paths otherwise.
+
+    `address`, `place`: address as written in the file, and file and element, for the message.
+    """
     for path in candidates:
         if path.exists():
             return path
@@ -83,6 +89,6 @@ def _existing(candidates: Sequence[Path], address: str, place: str) -> Path:
 
 
 def _listed(words: Sequence[str]) -> str:
-    """Return words as a list, cut off after a few."""
+    """Return the first four words, separated by commas, and the number of the others, if there are more."""
     more = f" and {len(words) - _MAX_LISTED} more" if len(words) > _MAX_LISTED else ""
     return ", ".join(words[:_MAX_LISTED]) + more

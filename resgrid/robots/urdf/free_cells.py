@@ -37,22 +37,23 @@ RULES = 1
 """Number of the rules of proofs; increase it when verdicts change, so that stored verdicts are computed again."""
 
 CENTRES = 1 << 14
-"""Number of cells whose centres are tested between two reports of progress."""
+"""Number of cells, in the grid of a group, whose centres are tested between two reports of progress."""
 
 BLOCK = 8
-"""Largest number of cells of a block along an axis."""
+"""Largest number of cells, along an axis, of a block, the unit of work and of a checkpoint."""
 
 HALVINGS = 5
-"""Number of times that a cell is halved, per joint of the robot."""
+"""Largest number of successive halvings of a cell, per moving joint of the robot; with m joints m times as many."""
 
 MARGIN = 1e-5
-"""Distance in metres by which proven cells stay away from collisions.
+"""Distance in metres by which the bodies of every pair stay apart in a cell that is proven free.
 
-Collision tests with the algorithm of Gilbert, Johnson and Keerthi report a collision at distances below 1e-6 m.
+Collision tests with the algorithm of Gilbert, Johnson and Keerthi report a collision at distances below 1e-6 m. The
+distance is larger for robots with coordinates beyond 1e7 m (see `ROUNDING`).
 """
 
 ROUNDING = 1e-12
-"""Bound on the rounding error of a position, relative to the largest coordinate."""
+"""Bound on the rounding error of a position in space, relative to the largest magnitude of the robot's coordinates."""
 
 
 @frozen
@@ -71,7 +72,7 @@ class CellProof:
     tests : int
         Number of collision tests of exact solids.
     seconds : float
-        Duration in seconds; without blocks that a checkpoint contains.
+        Duration of the computation in seconds; blocks that a checkpoint contains take no time.
     """
 
     verdict: NDArray[np.uint8]
@@ -96,7 +97,7 @@ def prove_cells(
     progress: Progress | None = None,
     checkpoint: str | os.PathLike[str] | None = None,
 ) -> CellProof:
-    """Find the cells in which no configuration collides, and cells with a collision.
+    """Find the cells in which no configuration collides, and cells with a collision; other cells stay undecided.
 
     Parameters
     ----------
@@ -105,7 +106,8 @@ def prove_cells(
     axes : sequence of Axis
         One axis for every moving joint, in radians or metres.
     halvings : int, optional
-        Number of times that a cell is halved, per joint.  A larger number takes longer and decides more cells.
+        Largest number of successive halvings of a cell, per moving joint.  A larger number takes longer and decides
+        more cells.
     executor : concurrent.futures.Executor, optional
         Workers of the blocks of cells; by default this process.  The result does not depend on the executor.
     progress : callable, optional
@@ -117,7 +119,7 @@ def prove_cells(
     -------
     CellProof
         Verdict of every cell.  A free cell contains no configuration in which two bodies of a pair come closer than
-        1e-5 m, including configurations outside the cell by rounding errors.
+        1e-5 m; this includes configurations that lie outside the cell by rounding errors only.
 
     Raises
     ------
@@ -191,7 +193,7 @@ def proof_key(tree: KinematicTree, axes: Sequence[Axis], halvings: int = HALVING
 
 
 def _solid_arrays(solid: Solid) -> tuple[NDArray[Any], ...]:
-    """Return the description of an exact solid as arrays."""
+    """Return kind (as bytes), size, placement, points and triangles of an exact solid as arrays, to be hashed."""
     kind = np.frombuffer(solid.kind.encode(), dtype=np.uint8)
     return (
         kind,
@@ -203,9 +205,10 @@ def _solid_arrays(solid: Solid) -> tuple[NDArray[Any], ...]:
 
 
 class _ProofJob:
-    """Inputs of all blocks; the arrays are computed once in every process.
+    """Inputs of the proofs of all blocks; the arrays of the kernels are computed once in every process.
 
-    `tree`, `axes`, `halvings`: see `prove_cells`.
+    `tree`: robot and surroundings; `axes`: one axis for every moving joint; `halvings`: largest number of successive
+    halvings of a cell, per moving joint.
     """
 
     def __init__(self, tree: KinematicTree, axes: tuple[Axis, ...], halvings: int) -> None:
@@ -219,7 +222,11 @@ class _ProofJob:
 
 
 def _prove_blocks(job: _ProofJob, items: Sequence[tuple[int, Integers, NDArray[np.uint8]]]) -> list[BlockProof]:
-    """Return the verdicts of some blocks; `items`: number of the group, first cells, known verdicts."""
+    """Return the verdicts of some blocks of cells, in the order of `items`.
+
+    `items`: for every block, the number of its group, the index of its first cell (g,) along the g joints of the group,
+    and the verdicts that other groups give for its cells.
+    """
     halvings = job.halvings * len(job.axes)
     return [
         BlockProver(job.arrays, job.checker, job.groups[number], halvings, job.margin).prove(low, known)
@@ -228,9 +235,10 @@ def _prove_blocks(job: _ProofJob, items: Sequence[tuple[int, Integers, NDArray[n
 
 
 class _Finished:
-    """Finished blocks of a checkpoint.
+    """Finished blocks of a checkpoint file.
 
-    `path`: file, or None; `tree`, `axes`, `halvings`: see `prove_cells`.
+    `path`: the file, None for no checkpoint (nothing is finished or stored); `tree`, `axes`, `halvings`: robot and
+    surroundings, axes and number of halvings, which must be those of the run that wrote the file.
     """
 
     def __init__(
@@ -244,11 +252,15 @@ class _Finished:
                 self._records.setdefault(record["group"], []).append(record)
 
     def count(self, group: int) -> int:
-        """Return the number of finished blocks of a group."""
+        """Return the number of finished blocks of a group; `group`: number of the group."""
         return len(self._records.get(group, ()))
 
     def take(self, group: int, index: int, shape: tuple[int, ...]) -> BlockProof | None:
-        """Return a finished block, None for a block that is not finished; `shape`: number of its cells."""
+        """Return a finished block, None for a block that is not finished; raise InputError for a damaged file.
+
+        `group`: number of the group; `index`: number of the block in the group; `shape`: number of the block's cells
+        along every axis.
+        """
         if index >= self.count(group):
             return None
         record = self._records[group][index]
@@ -259,7 +271,7 @@ class _Finished:
         return BlockProof(cells.reshape(shape), *record["work"])
 
     def add(self, group: int, proof: BlockProof) -> None:
-        """Append a block to the checkpoint."""
+        """Append the next finished block of a group to the checkpoint; `group`: number of the group."""
         if self._journal is not None:
             cells = (proof.verdict.reshape(-1) + np.uint8(ord("0"))).tobytes().decode("ascii")
             self._journal.append({"group": group, "verdict": cells, "work": [proof.bounds, proof.probes, proof.tests]})
@@ -276,7 +288,11 @@ def _checked_axes(tree: KinematicTree, axes: Sequence[Axis]) -> tuple[Axis, ...]
 
 
 def _seen_by_group(verdict: NDArray[np.uint8], group: Group) -> NDArray[np.uint8]:
-    """Return the verdicts that hold for all cells along the axes of the other joints, shape of the group's grid."""
+    """Return the verdicts that hold for all cells along the axes of the joints outside a group, by cell of its grid.
+
+    The result is a collision if all these cells have one, undecided if none is free, otherwise free. `verdict`: the
+    verdicts so far, shape of the whole grid.
+    """
     others = tuple(axis for axis in range(verdict.ndim) if axis not in group.joints)
     seen = np.zeros(group.shape, dtype=np.uint8)
     seen[(verdict != CellVerdict.FREE).all(axis=others)] = CellVerdict.UNDECIDED
@@ -285,14 +301,21 @@ def _seen_by_group(verdict: NDArray[np.uint8], group: Group) -> NDArray[np.uint8
 
 
 def _combined(verdict: NDArray[np.uint8], own: NDArray[np.uint8], group: Group) -> NDArray[np.uint8]:
-    """Return the verdicts of the whole grid, combined with those of a group: collision, then undecided, then free."""
+    """Return the verdicts of the whole grid after the verdicts of a group are added to them.
+
+    A collision prevails over undecided, undecided over free. `verdict`: the verdicts so far, shape of the whole grid;
+    `own`: verdicts of the group, shape of its grid, which hold for all values of the other joints.
+    """
     wide = own.reshape([cells if axis in group.joints else 1 for axis, cells in enumerate(verdict.shape)])
     collides = (verdict == CellVerdict.COLLISION) | (wide == CellVerdict.COLLISION)
     return np.where(collides, np.uint8(CellVerdict.COLLISION), np.maximum(verdict, wide))
 
 
 def _blocks(shape: tuple[int, ...]) -> Iterator[tuple[Integers, tuple[slice, ...]]]:
-    """Return first cells (g,) and index of every block of a grid; blocks are nearly equal parts along every axis."""
+    """Yield the index of the first cell (g,) and the slices of every block of a grid, in C order.
+
+    The blocks are nearly equal parts of every axis, of at most `BLOCK` cells. `shape`: cells along the g axes.
+    """
     cuts = [np.linspace(0, cells, -(-cells // BLOCK) + 1).round().astype(np.int64) for cells in shape]
     for block in product(*(pairwise(cut.tolist()) for cut in cuts)):
         yield np.array([low for low, _ in block], dtype=np.int64), tuple(slice(low, high) for low, high in block)
@@ -321,7 +344,11 @@ def _groups(arrays: ProofArrays, axes: tuple[Axis, ...]) -> list[Group]:
 
 
 def _extent(arrays: ProofArrays, axes: tuple[Axis, ...]) -> float:
-    """Return a bound on coordinates in metres: all placements, motions and points of the tree added up."""
+    """Return a bound on the magnitudes of the coordinates of all points of the bodies, in metres.
+
+    The bound is the sum of all distances between joints, of the largest translation of every prismatic joint, of the
+    largest 1-norm of a point in its link's frame, and of the largest radius.
+    """
     tree, largest = arrays.tree, np.array([max(abs(axis.lower), abs(axis.upper)) for axis in axes])
     slides = np.abs(tree.factor) * largest[tree.driver] + np.abs(tree.offset)
     points = np.abs(np.stack([tree.x, tree.y, tree.z])).sum(axis=0).max(initial=0.0)

@@ -22,13 +22,15 @@ _KINDS: dict[str, SolidKind] = {
     "capsule": "capsule",
     "mesh": "mesh",
 }
-"""Kinds of solids by the element of the URDF file."""
+"""Value of `Solid.kind` by the name of the geometry element in the URDF file."""
 
 
 def solid_of(geometry: Geometry, pose: NDArray[np.float64], urdf: Path, packages: Sequence[Path], place: str) -> Solid:
-    """Return the exact solid of a geometry in the frame of a joint.
+    """Return the exact solid of a collision geometry in the frame of a joint, in metres.
 
-    `pose`: pose (4, 4) of the link in the joint's frame; `place`: file and link, for messages.
+    `pose`: pose (4, 4) of the link in the joint's frame; `urdf`: path of the URDF file; `packages`: folders in which
+    ``package://`` addresses of meshes are searched; `place`: file and link, for messages. Raises InputError for a mesh
+    that is not found or cannot be read.
     """
     points, triangles = np.empty((0, 3)), np.empty((0, 3), dtype=np.int32)
     if geometry.shape == "mesh":
@@ -50,10 +52,13 @@ def robot_bodies(
     padding: float,
     pieces: int,
 ) -> tuple[list[Body], list[str]]:
-    """Return the bodies of all links, and the link of every body.
+    """Return the bodies of all links, one for every collision geometry, and the name of the link of every body.
 
-    `frames`: joint and pose of every link; `padding`: metres added to every body; `pieces`: most convex pieces of a
-    mesh.  A link with several geometries has numbered bodies: ``"hand[0]"``, ``"hand[1]"``.
+    A body has the name of its link; a link with several geometries has numbered bodies: ``"hand[0]"``, ``"hand[1]"``.
+
+    `frames`: for every link, the index of the joint whose frame carries it (-1 for none) and its pose (4, 4) in this
+    frame; `packages`: folders in which ``package://`` addresses are searched; `padding`: distance in metres by which
+    convex pieces are enlarged; `pieces`: maximum number of convex pieces of a mesh.
     """
     bodies, owners = [], []
     for link, geometries in robot.links.items():

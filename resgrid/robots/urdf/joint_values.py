@@ -15,12 +15,16 @@ from resgrid.errors import InputError, suggestion
 from resgrid.robots.urdf.description import Description, Joint
 
 _MOVABLE = ("revolute", "continuous", "prismatic")
-"""Joint types with one degree of freedom."""
+"""Joint types of the URDF format with one degree of freedom; other joints always have the identity as motion."""
 
 
 @dataclass(frozen=True)
 class JointValue:
-    """Value of a joint: ``factor`` times the value of moving joint ``driver``, plus ``offset``; None: always offset."""
+    """The value of a joint: ``factor`` times the value of the moving joint ``driver``, plus ``offset``.
+
+    `driver`: index of the moving joint, in the order of the axes; None for a joint whose value is always `offset`;
+    `offset`: in radians or metres.
+    """
 
     driver: int | None
     factor: float
@@ -28,7 +32,10 @@ class JointValue:
 
 
 def check_moving(robot: Description, moving: Sequence[str]) -> None:
-    """Raise InputError unless `moving` names one to four independent joints of the robot that can move."""
+    """Raise InputError unless `moving` names one to four independent joints of the robot that can move.
+
+    Such a joint is revolute, continuous or prismatic, no mimic joint, named once, and has a range unless continuous.
+    """
     names = [name for name, joint in robot.joints.items() if joint.kind in _MOVABLE and joint.mimic is None]
     known = f"joints that can move: {', '.join(names) or 'none'}"
     if isinstance(moving, str) or not 1 <= len(moving) <= MAX_DIMENSIONS:
@@ -83,7 +90,10 @@ def joint_values(robot: Description, moving: Sequence[str], at: Mapping[str, flo
 
 
 def _value(robot: Description, joint: Joint, moving: Sequence[str], at: Mapping[str, float]) -> JointValue:
-    """Return the value of one joint."""
+    """Return the value of one joint as a function of the moving joints.
+
+    `moving`: names of the moving joints, in the order of the axes; `at`: values of locked joints by name.
+    """
     if joint.kind not in _MOVABLE:
         return JointValue(None, 0.0, 0.0)
     if joint.mimic is not None:
@@ -99,7 +109,11 @@ def _value(robot: Description, joint: Joint, moving: Sequence[str], at: Mapping[
 
 
 def _check_locked(robot: Description, name: str, value: float, moving: Sequence[str]) -> None:
-    """Raise InputError unless a joint can be locked at a value."""
+    """Raise InputError unless the joint `name` can be locked at `value`, in radians or metres.
+
+    It must exist, have one degree of freedom, neither move nor follow another joint, and have the value in its range.
+    `moving`: names of the moving joints.
+    """
     joint, place = _joint(robot, name, "at"), f"{robot.file}: at: joint {name!r}"
     if name in moving:
         raise InputError(f"{place} is one of the moving joints; remove it from one of the two")
@@ -122,7 +136,7 @@ def _joint(robot: Description, name: str, key: str) -> Joint:
 
 
 def _leader(robot: Description, name: str) -> str:
-    """Return the independent joint at the end of a chain of mimic joints."""
+    """Return the name of the independent joint at the end of a chain of mimic joints that begins with joint `name`."""
     while (mimic := robot.joints[name].mimic) is not None:
         name = mimic[0]
     return name
@@ -131,9 +145,10 @@ def _leader(robot: Description, name: str) -> str:
 def frames_of(
     robot: Description, values: Mapping[str, JointValue], base: NDArray[np.float64]
 ) -> dict[str, tuple[str | None, NDArray[np.float64]]]:
-    """Return for every link the nearest joint that moves (None: the world) and the link's pose (4, 4) in its frame.
+    """Return, for every link, the name of the joint whose frame carries it, and the link's pose (4, 4) in this frame.
 
-    `base`: pose (4, 4) of the root link in the world.
+    The joint is the nearest one towards the root that moves, or follows a moving joint; None for a link that does not
+    move, whose pose is in the world. `values`: values of all joints; `base`: pose (4, 4) of the root link in the world.
     """
     frames: dict[str, tuple[str | None, NDArray[np.float64]]] = {robot.root: (None, base)}
     for joint in robot.joints.values():
@@ -147,7 +162,11 @@ def frames_of(
 
 
 def locked_motion(joint: Joint, value: float) -> NDArray[np.float64]:
-    """Return the transformation (4, 4) of a joint at a value: Rodrigues' formula, or a translation."""
+    """Return the transformation (4, 4) of a joint at a `value` in radians or metres.
+
+    It is a rotation by Rodrigues' formula, a translation of a prismatic joint, or the identity for joints without one
+    degree of freedom.
+    """
     motion = np.eye(4)
     if joint.kind == "prismatic":
         motion[:3, 3] = value * joint.axis

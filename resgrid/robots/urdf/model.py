@@ -92,7 +92,10 @@ def read_tree(
 
 
 def _base_pose(base: Sequence[float]) -> NDArray[np.float64]:
-    """Return the pose (4, 4) of six numbers x, y, z, roll, pitch and yaw; raise InputError for others."""
+    """Return the pose (4, 4) of six numbers: x, y, z in metres, then roll, pitch and yaw in radians.
+
+    Raises InputError unless there are six finite numbers.
+    """
     if isinstance(base, str) or len(base) != 6 or not all(map(is_number, base)):
         raise InputError(f"base = {base!r} must be six finite numbers: x, y, z, roll, pitch, yaw")
     given = np.array(base, dtype=np.float64)
@@ -107,7 +110,13 @@ def _assembled(
     bodies: Sequence[Body],
     pairs: NDArray[np.int64],
 ) -> KinematicTree:
-    """Return the tree of a robot; `values`: values of the joints that move; `frames`: joint and pose of every link."""
+    """Return the kinematic tree of a robot, without surroundings.
+
+    `moving`: names of the moving joints, in the order of the axes; `values`: values of the joints that move or follow a
+    moving joint, in the order of the tree; `frames`: for every link, the index of the joint whose frame carries it (-1
+    for none) and its pose (4, 4) in this frame; `bodies`: bodies of all links; `pairs` (p, 2): indices of the pairs of
+    bodies that must not touch each other.
+    """
     axes = [robot.joints[name] for name in moving]
     joints = [robot.joints[name] for name in values]
     carriers = [frames[joint.parent] for joint in joints]

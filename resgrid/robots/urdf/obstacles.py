@@ -62,13 +62,17 @@ def check_links(links: Sequence[str], known: Collection[str], key: str, place: s
 
 
 def _is_of_robot(tree: KinematicTree, index: int) -> bool:
-    """Return whether a body belongs to a link of the robot."""
+    """Return whether a body belongs to a link of the robot, not to the surroundings; `index`: index of the body."""
     body = tree.bodies[index]
     return body.joint >= 0 or _link_of(body, tree.tools) in tree.tools
 
 
 def _link_of(body: Body, links: Iterable[str]) -> str:
-    """Return the link of a body of a robot; the body's name if no link has this name."""
+    """Return the name of a body without the number of a link with several bodies: ``"hand"`` for ``"hand[1]"``.
+
+    The result is a link if the body belongs to the robot. A body that has the name of a link keeps its name. `links`:
+    names of the links.
+    """
     if body.name in links:
         return body.name
     link, bracket, number = body.name.rpartition("[")
@@ -76,7 +80,10 @@ def _link_of(body: Body, links: Iterable[str]) -> str:
 
 
 def _check_apart(body: Body, obstacles: Iterable[Body], links: Iterable[str]) -> None:
-    """Raise InputError if a body of a link that never moves touches a body of the surroundings."""
+    """Raise InputError if a body of a link that never moves touches one of the `obstacles`.
+
+    `links`: names of the links of the robot, for the message.
+    """
     for obstacle in obstacles:
         if touch(body, obstacle):
             link = _link_of(body, links)

@@ -13,7 +13,10 @@ from resgrid.robots.urdf.description import Description
 
 
 def adjacent_pairs(robot: Description) -> frozenset[frozenset[str]]:
-    """Return the pairs of links that one joint connects, or a chain of joints through links without geometry."""
+    """Return the pairs of names of links that one joint connects, or a chain of joints through links without geometry.
+
+    These links may touch each other if no SRDF file says otherwise.
+    """
     above: dict[str, str] = {}  # the nearest link above with geometry
     for joint in robot.joints.values():
         parent = joint.parent
@@ -24,9 +27,10 @@ def adjacent_pairs(robot: Description) -> frozenset[frozenset[str]]:
 def self_pairs(bodies: Sequence[Body], links: Sequence[str], allowed: Collection[frozenset[str]]) -> NDArray[np.int64]:
     """Return the indices (p, 2) of the pairs of bodies of a robot that must not touch each other.
 
-    Pairs of one joint never move relative to each other and are left out.  The first body of a pair moves.
+    Two bodies that the same joint carries never move relative to each other and are no pair.  The first body of a pair
+    moves with a joint.
 
-    `links`: link of every body; `allowed`: pairs of links that may touch each other.
+    `links`: name of the link of every body; `allowed`: pairs of links that may touch each other.
     """
     pairs = [
         (a, b) if bodies[a].joint >= bodies[b].joint else (b, a)

@@ -9,9 +9,9 @@ from resgrid.robots.urdf.tree import KinematicTree
 
 
 def motion_per_joint(tree: KinematicTree) -> NDArray[np.float64]:
-    """Return bounds of the distance that any point of a body moves per unit of each moving joint (bodies, m).
+    """Return upper bounds of the distance that any point of a body moves per unit of each moving joint (bodies, m).
 
-    Units: metres per radian, or metres per metre.
+    Units: metres per radian, or metres per metre. The bound is 0 for joints that do not move the body.
 
     A point of a body is never farther from the axis of a joint before it than the sum of the distances between the
     origins of the joints after this one, their largest translations, and the point's distance from the last origin.

@@ -173,7 +173,7 @@ class URDFRobot(Robot):
 
     @property
     def remedy(self) -> str:
-        """Advice for messages if obstacles leave no room for the robot."""
+        """Advice that error messages append if obstacles leave no free cell; empty without padding."""
         return "choose other values of the joints that do not move (at), or a smaller padding" * (self.padding > 0)
 
     @property
@@ -282,7 +282,12 @@ class URDFRobot(Robot):
     def occupancy(
         self, axes: Sequence[Axis], obstacles: Sequence[Shape], rule: Sampling, progress: Progress | None = None
     ) -> NDArray[np.bool_]:
-        """Return the mask of blocked cells, shape of the grid; the parameters are those of `classify`."""
+        """Return the mask of blocked cells, shape of the grid: cells with a collision, and undecided cells.
+
+        `axes`: one axis per moving joint; `obstacles`: shapes in world coordinates, in metres; `rule`:
+        ``"conservative"`` (a cell is free only by proof) or ``"centre"`` (only its centre is tested); `progress`:
+        called as ``progress(done, total)``.
+        """
         return self.classify(axes, obstacles, rule, progress).blocked
 
     def classify(
@@ -293,7 +298,7 @@ class URDFRobot(Robot):
         progress: Progress | None = None,
         executor: Executor | None = None,
     ) -> CellClasses:
-        """Return the blocked cells and, with the rule ``"conservative"``, those of which nothing is proven.
+        """Return the blocked cells and, with the rule ``"conservative"``, the undecided cells among them.
 
         A result is stored in the cache folder (``RESGRID_CACHE``, by default ``~/.cache/resgrid``) under a hash of the
         robot, the obstacles and the axes, and an interrupted computation continues from there.

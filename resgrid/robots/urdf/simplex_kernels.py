@@ -16,13 +16,13 @@ Floats = NDArray[np.float64]
 
 @inlined
 def dot(a: Floats, b: Floats) -> float:
-    """Return the scalar product of two vectors in space."""
+    """Return the scalar product of the vectors `a` (3,) and `b` (3,)."""
     return float(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
 
 
 @inlined
 def _dot_difference(corners: Floats, i: int, j: int, k: int) -> float:
-    """Return the scalar product of corner k with the vector from corner i to corner j."""
+    """Return the scalar product of corner k with the vector from corner i to corner j; `corners` (4, 3): corners."""
     return float(
         (corners[j, 0] - corners[i, 0]) * corners[k, 0]
         + (corners[j, 1] - corners[i, 1]) * corners[k, 1]
@@ -32,7 +32,10 @@ def _dot_difference(corners: Floats, i: int, j: int, k: int) -> float:
 
 @inner
 def _nearest_on_segment(corners: Floats, i: int, j: int, weights: Floats) -> None:
-    """Write the weights of corners i and j for the point of their segment that is nearest to the origin."""
+    """Write the weights of corners i and j for the point of their segment that is nearest to the origin.
+
+    The point is the sum of the corners (4, 3) times the barycentric `weights` (4,), whose other entries are 0 on entry.
+    """
     at_start, at_end = -_dot_difference(corners, i, j, i), _dot_difference(corners, i, j, j)
     if at_start <= 0.0:
         weights[i] = 1.0
@@ -45,7 +48,11 @@ def _nearest_on_segment(corners: Floats, i: int, j: int, weights: Floats) -> Non
 
 @inner
 def _nearest_on_triangle(corners: Floats, i: int, j: int, k: int, weights: Floats) -> None:
-    """Write the weights of corners i, j and k for the point of their triangle that is nearest to the origin."""
+    """Write the weights of corners i, j and k for the point of their triangle that is nearest to the origin.
+
+    The point is the sum of the corners (4, 3) times the barycentric `weights` (4,); the weight of the fourth corner
+    becomes 0.
+    """
     for corner in range(4):
         weights[corner] = 0.0
     d1, d2 = -_dot_difference(corners, i, j, i), -_dot_difference(corners, i, k, i)
@@ -73,7 +80,10 @@ def _nearest_on_triangle(corners: Floats, i: int, j: int, k: int, weights: Float
 
 @inner
 def _is_beyond(corners: Floats, i: int, j: int, k: int, opposite: int) -> bool:
-    """Return whether the origin is not strictly on the side of triangle i, j, k on which the opposite corner is."""
+    """Return whether the origin is in the plane of corners i, j and k, or on the other side than corner `opposite`.
+
+    The result is also True if all four corners lie in one plane. `corners` (4, 3): corners of a tetrahedron.
+    """
     ux, uy, uz = corners[j, 0] - corners[i, 0], corners[j, 1] - corners[i, 1], corners[j, 2] - corners[i, 2]
     vx, vy, vz = corners[k, 0] - corners[i, 0], corners[k, 1] - corners[i, 1], corners[k, 2] - corners[i, 2]
     nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
@@ -84,7 +94,7 @@ def _is_beyond(corners: Floats, i: int, j: int, k: int, opposite: int) -> bool:
 
 @inner
 def _squared_norm(corners: Floats, weights: Floats, nearest: Floats) -> float:
-    """Write the weighted sum of the four corners to `nearest`, and return its squared norm."""
+    """Write the sum of the corners (4, 3) times `weights` (4,) to `nearest` (3,), and return its squared norm."""
     for axis in range(3):
         nearest[axis] = 0.0
         for corner in range(4):
@@ -95,7 +105,12 @@ def _squared_norm(corners: Floats, weights: Floats, nearest: Floats) -> float:
 
 @inner
 def _nearest_on_tetrahedron(corners: Floats, weights: Floats, trial: Floats, nearest: Floats) -> float:
-    """Write weights and nearest point of a tetrahedron, and return its squared norm; 0 if the origin is inside."""
+    """Write the point of a tetrahedron that is nearest to the origin, and return its squared norm.
+
+    The result is 0 if the origin is inside; weights and point are then not meaningful. `corners` (4, 3): corners;
+    `weights` (4,): receives the barycentric weights of the point, 0 on entry; `trial` (4,): work array for the weights
+    of one face; `nearest` (3,): receives the point.
+    """
     best = np.inf
     for opposite in range(4):
         i, j, k = (opposite + 1) % 4, (opposite + 2) % 4, (opposite + 3) % 4
@@ -115,8 +130,9 @@ def _nearest_on_tetrahedron(corners: Floats, weights: Floats, trial: Floats, nea
 def nearest_on_simplex(corners: Floats, count: int, weights: Floats, trial: Floats, nearest: Floats) -> float:
     """Write the point of a simplex that is nearest to the origin, and return its squared norm.
 
-    `corners` (4, 3): the first `count` rows are the corners; `weights` (4,): receives their weights; `trial` (4,): work
-    array; `nearest` (3,): receives the point.
+    The norm is 0 if a tetrahedron contains the origin; weights and point are then not meaningful. `corners` (4, 3): the
+    first `count` rows, 1 to 4, are the corners; `weights` (4,): receives the barycentric weights of the point; `trial`
+    (4,): work array for the weights of one face; `nearest` (3,): receives the point.
     """
     for corner in range(4):
         weights[corner] = 0.0
@@ -133,7 +149,11 @@ def nearest_on_simplex(corners: Floats, count: int, weights: Floats, trial: Floa
 
 @inner
 def drop_corners(corners: Floats, count: int, weights: Floats) -> int:
-    """Remove the corners of weight 0 from a simplex in place, and return the number of the remaining corners."""
+    """Remove the corners of weight 0 from a simplex in place, and return the number of the remaining corners.
+
+    `corners` (4, 3): the first `count` rows are the corners, and the remaining ones become the first rows; `weights`
+    (4,): barycentric weights of the corners, not moved.
+    """
     kept = 0
     for corner in range(count):
         if weights[corner] > 0.0:

@@ -11,7 +11,7 @@ from resgrid.robots.urdf.description import read_robot
 from resgrid.robots.urdf.elements import attribute
 
 _MAX_LISTED = 5
-"""Number of unknown links that a message lists."""
+"""Largest number of unknown links that an error message lists."""
 
 
 def disabled_pairs(file: Path, links: Collection[str]) -> frozenset[frozenset[str]]:

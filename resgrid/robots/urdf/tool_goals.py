@@ -17,13 +17,16 @@ from resgrid.robots.shapes import Ball, Box, HalfSpace, Shape
 from resgrid.robots.urdf.tree import KinematicTree
 
 _TOLERANCE = 1e-9
-"""Distance in metres from the region, and excess in radians of the angle, at which the tool counts as being there."""
+"""Tolerance of a goal: distance from the region in metres, and angle beyond the permitted one in radians.
+
+A configuration within both tolerances is a solution.
+"""
 
 _NEWTON_STEPS = 24
-"""Number of Gauss-Newton steps from the centre of a box of configurations."""
+"""Largest number of Gauss-Newton steps of the search for a solution from the centre of a box of configurations."""
 
 _DAMPING = 1e-12
-"""Levenberg-Marquardt damping of a step, relative to the trace of the normal equations."""
+"""Levenberg-Marquardt damping, the number added to the diagonal of the normal equations, relative to their trace."""
 
 _HALVINGS = 48
 """Number of halvings of a cell after which a box without a solution is given up.
@@ -32,7 +35,10 @@ The tool then stays within about 1e-9 m of the border of the region in the whole
 """
 
 _MAX_BOXES = 1 << 20
-"""Number of boxes inside cells at which the search ends, which limits its time and memory."""
+"""Number of boxes, of all cells of a batch, above which the search in this batch ends, to limit time and memory.
+
+Cells in which no solution was found until then are no goal cells.
+"""
 
 
 @frozen
@@ -76,8 +82,8 @@ class ToolGoal:
 class _Tool:
     """A tool of a robot.
 
-    `joint`: index of the joint whose frame carries the tool; `pose` (4, 4): the tool's pose in this frame; `chain`:
-    indices of the joints from the base to `joint`.
+    `tree`: joints and bodies of the robot; `joint`: index of the joint whose frame carries the tool; `pose` (4, 4): the
+    tool's pose in this frame; `chain`: indices of the joints from the base to `joint`.
     """
 
     tree: KinematicTree
@@ -102,7 +108,7 @@ def tool_goal_cells(tree: KinematicTree, tool: str, axes: Sequence[Axis], goal: 
 
     A cell is excluded only by bounds on the motion of the tool within it, so that every inverse-kinematics solution
     lies in a goal cell.  Exceptions are cells in which the tool stays within 1e-9 m of the border of the goal without
-    entering it, to within rounding errors.
+    entering it, to within rounding errors, and cells without a solution when the search exceeds `_MAX_BOXES` boxes.
     `tool`: name of a link or frame; `axes`: axes of the configuration space, one per moving joint.
     """
     searched = _tool_of(tree, tool)

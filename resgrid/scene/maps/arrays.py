@@ -56,7 +56,7 @@ class MapCells:
         The ``[map]`` table of the scene; ``file`` is an absolute path.
     surroundings : CellSet or None
         Obstacles of a cropped map: the obstacle cells of the part, and those around the part that the robot can touch
-        from inside, on axes that extend beyond `axes`.  None if there are no others than in `cell`.
+        from inside, on axes that extend beyond `axes`.  None if all obstacles are in `cell`.
     extent : float
         Largest `Robot.extent` for which `surroundings` is complete, in axis units; infinite for a map that is not
         cropped.
@@ -116,7 +116,10 @@ class MapCells:
 
     @property
     def obstacles(self) -> CellSet:
-        """All obstacles of the map, `surroundings` included, as a shape in map coordinates."""
+        """Obstacle cells of the map and obstacles around a cropped map, as a shape in map coordinates.
+
+        Unknown cells are not included if the key ``inflate_around_unknown`` of `table` is false.
+        """
         if self.surroundings is not None:
             return self.surroundings
         blocked = self.cell == Cell.OBSTACLE
@@ -165,9 +168,9 @@ class MapCells:
 
 
 def cells_from_rows(rows: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return the pixels of a picture as cells (width, height): the first axis is x, the second is y, upwards.
+    """Return the pixels of a picture as cells (width, height): x along the first axis, y upwards along the second.
 
-    `rows` (height, width): pixels, top row first.
+    `rows` (height, width): values of the pixels, top row first.
     """
     return np.ascontiguousarray(rows[::-1].T)
 

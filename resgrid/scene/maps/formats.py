@@ -41,8 +41,8 @@ class MapFormat:
 
     `read`: reader, which returns the map, or only the cell codes if the format has no position and resolution;
     `suffixes`: suffixes of the files, with the point; `magic`: possible first bytes of the files; `open`: function with
-    the options of `read` that returns a source of parts, None if the whole map must be read.  The options of the
-    reader are keys of the ``[map]`` table; the types of its parameters give their ranges, its docstring their
+    the options of `read` that returns a map of which parts can be read, None if the whole map must be read. The options
+    of the reader are keys of the ``[map]`` table; the types of its parameters give their ranges, its docstring their
     descriptions.
     """
 
@@ -61,7 +61,7 @@ class MapFormat:
 
     @property
     def is_placed(self) -> bool:
-        """Whether the reader returns a map with axes, and not only the cell codes."""
+        """Whether the reader returns a map with axes; otherwise it returns only the cell codes."""
         return get_type_hints(self.read).get("return") is MapCells
 
 
@@ -83,11 +83,11 @@ _HEADER_BYTES = 1 << 16
 
 _MAGIC = max(len(magic) for entry in FORMATS.values() for magic in entry.magic)
 COMMON = ("file", "format", "periodic", "headings")
-"""Keys of a ``[map]`` table that are not options of a reader."""
+"""Keys of a ``[map]`` table that apply to all formats, and are not options of a reader."""
 
 
 def map_options() -> dict[str, Any]:
-    """Return the options of all map readers and of the preparation by name: pairs of a type and a pydantic field.
+    """Return the options of all map readers, and of cropping and joining cells: a type and a pydantic field by name.
 
     The field holds default and description, which ends with the names of the formats that have this option.
     """
@@ -102,7 +102,7 @@ def map_options() -> dict[str, Any]:
 
 
 def read_map(table: Mapping[str, Any], extent: float = 0.0) -> MapCells:
-    """Return the prepared cells of the map file of a ``[map]`` table.
+    """Return the cells of the map file that a ``[map]`` table names, cropped, and joined or divided as it demands.
 
     `table`: values by key; ``file`` is an absolute path, the other keys are options of the reader; `extent`: largest
     distance from the robot's reference point to a point of the robot, for the obstacles around a cropped map.

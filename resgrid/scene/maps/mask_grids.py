@@ -21,10 +21,10 @@ from resgrid.scene.maps.ros_header import Dialect
 
 @dataclass(frozen=True, eq=False)
 class MaskGrid:
-    """The pixels of a mask with their position in the world.
+    """The pixels of a mask (a ROS map that marks areas, such as keep-out zones) with their position in the world.
 
     `values` (width, height): occupancies from 0 to 100, -1 for unknown; first index along x, second along y, upwards;
-    `axes`, `frame`: position of the pixels.
+    `axes`: axes of the pixels in map coordinates; `frame`: transformation from map coordinates to the world.
     """
 
     values: NDArray[np.int8]
@@ -33,11 +33,14 @@ class MaskGrid:
 
     @property
     def spacing(self) -> float:
-        """Width of a pixel."""
+        """Width of a pixel in metres."""
         return self.axes[0].spacing
 
     def pixels(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return points (..., 2) in world coordinates as coordinates in pixels from the lower corner (..., 2)."""
+        """Return the coordinates (..., 2) of points in pixel widths, from the lower corner of the mask.
+
+        `points` (..., 2): in world coordinates.
+        """
         lower = [axis.lower for axis in self.axes]
         return np.asarray((self.frame.from_world(points) - lower) / self.spacing)
 
@@ -46,7 +49,10 @@ class MaskGrid:
         return self._values_of(np.floor(self.pixels(points)).astype(np.int64))
 
     def _values_of(self, index: NDArray[np.int64]) -> NDArray[np.int8]:
-        """Return the occupancies (...) of pixels (..., 2), -1 outside the mask."""
+        """Return the occupancies of pixels, -1 outside the mask.
+
+        `index` (..., 2): column and row of each pixel, from below.
+        """
         inside = np.all((index >= 0) & (index < self.values.shape), axis=-1)
         found = np.full(inside.shape, UNKNOWN, dtype=np.int8)
         found[inside] = self.values[tuple(index[inside].T)]
@@ -55,8 +61,8 @@ class MaskGrid:
     def largest_in(self, axes: Sequence[Axis], frame: Frame, *, centres: bool) -> NDArray[np.int8]:
         """Return the largest occupancy of the pixels that each cell of a plane grid overlaps, -1 without known pixels.
 
-        `axes`, `frame`: the two axes of the grid and their transformation to the world; `centres`: whether only the
-        pixel at each cell's centre counts, as in Nav2.  The result has the shape of the grid.  Two squares overlap if
+        `axes`: the two axes of the grid; `frame`: transformation from axis units to the world; `centres`: whether only
+        the pixel at each cell's centre counts, as in Nav2. The result has the shape of the grid. Two squares overlap if
         no side of either separates them; those that only touch do not overlap.
         """
         plane = Frame(frame.x, frame.y, frame.yaw)

@@ -10,7 +10,10 @@ from numpy.typing import NDArray
 from resgrid.core.cell import Cell
 
 OCCUPIED_FROM, FREE_TO = 65, 25
-"""Smallest occupancy of an occupied cell and largest one of a free cell, in percent, the defaults of map_server."""
+"""Smallest occupancy of an obstacle cell and largest occupancy of a free cell, in percent.
+
+They are the defaults of ROS's map_server.
+"""
 
 
 def cells_of_occupancies(
@@ -32,10 +35,11 @@ def cells_of_occupancies(
 
 
 def conductivities(percent: NDArray[Any], least: float, lethal: int) -> NDArray[np.float64]:
-    """Return the conductivities of occupancies: least ** (p / lethal) for p below `lethal`, and 1 elsewhere.
+    """Return the relative conductivities of cells: least ** (p / lethal) for an occupancy p below `lethal`, else 1.
 
-    `percent`: occupancies p in percent, negative for unknown cells, which have conductivity 1; `least`: conductivity
-    just below `lethal`.  The result has the shape of `percent`, in C order.
+    `percent`: occupancies p in percent, negative for unknown cells, whose conductivity is 1; `least`: conductivity that
+    p approaches just below `lethal`; `lethal`: smallest occupancy of an obstacle. The result has the shape of
+    `percent`.
     """
     known = np.clip(percent, 0, None)
     return np.ascontiguousarray(np.where(known < lethal, least ** (known / lethal), 1.0))

@@ -31,10 +31,10 @@ if TYPE_CHECKING:
     from PIL.Image import Image
 
 BYTES_PER_PIXEL = 24
-"""Estimated memory for the conversion of a picture to cells, in bytes per pixel."""
+"""Estimated memory for decoding a picture and converting it to cells, in bytes per pixel."""
 
 DECODED_BYTES = 5
-"""Estimated memory of a decoded picture of which only parts are converted to cells, in bytes per pixel."""
+"""Estimated memory for decoding a picture of which only parts become cells, in bytes per pixel."""
 
 THRESHOLD = 128
 """Default of the smallest grey value (0 to 255) of a free pixel."""
@@ -138,8 +138,8 @@ def read_epic(path: Path) -> NDArray[np.uint8]:
 def read_raster(path: Path, bytes_per_pixel: int = BYTES_PER_PIXEL) -> Raster:
     """Return the channel values of a picture file of any format that `read_pnm` or Pillow supports.
 
-    `bytes_per_pixel`: memory that the caller needs per pixel; BudgetError is raised if the picture would not fit in
-    memory.
+    `bytes_per_pixel`: memory per pixel for decoding and later use; BudgetError is raised if the picture would not fit
+    in memory.
     """
     data = _bytes_of(path)
     if data[:2] in MAGICS:
@@ -148,10 +148,10 @@ def read_raster(path: Path, bytes_per_pixel: int = BYTES_PER_PIXEL) -> Raster:
 
 
 def open_picture(path: Path) -> Raster | DecodedPicture:
-    """Return a picture file, decoded at most once, of which `part` returns windows as rasters.
+    """Return a picture file, decoded at most once, whose method `part` returns windows as rasters.
 
-    The memory is that of the file and, for compressed files, of the decoded pixels.  BudgetError is raised if these
-    would not fit; the caller checks the memory of the windows.
+    The memory is that of the file and, for compressed files, of the decoded pixels. Raises BudgetError if these would
+    not fit; the memory of the windows is not checked here.
     """
     data = _bytes_of(path)
     if data[:2] in MAGICS:
@@ -195,10 +195,11 @@ def _read_with_pillow(data: bytes, path: Path, bytes_per_pixel: int, *, in_parts
 def _read_with_pillow(
     data: bytes, path: Path, bytes_per_pixel: int, *, in_parts: bool = False
 ) -> Raster | DecodedPicture:
-    """Return a picture that Pillow decodes, as a raster, or in a form of which parts can be converted to rasters.
+    """Return a picture that Pillow decodes, as a raster or in the memory of Pillow.
 
-    `data`: content of the file; `path`: for messages; `bytes_per_pixel`: memory that the caller needs per pixel;
-    `in_parts`: whether parts are enough.  Layouts that need the whole picture are returned as rasters.
+    `data`: content of the file; `path`: name of the file, for messages; `bytes_per_pixel`: memory per pixel that is
+    checked beforehand; `in_parts`: whether the picture may stay in the memory of Pillow, so that only parts become
+    rasters.
     """
     from PIL import Image, UnidentifiedImageError
 
@@ -223,9 +224,9 @@ def _read_with_pillow(
 
 @contextmanager
 def _any_size() -> Iterator[None]:
-    """Disable Pillow's limit of the number of pixels inside the context.
+    """Disable Pillow's limit of the number of pixels in the block.
 
-    The caller checks the size of the picture against the available memory before decoding.
+    The size of the picture must be checked against the available memory before decoding.
     """
     from PIL import Image
 

@@ -26,10 +26,10 @@ _SPACES = (b" ", b"\t", b"\r", b"\n", b"\v", b"\f")
 
 
 class _Header(NamedTuple):
-    """The header of an anymap.
+    """The header of a portable anymap.
 
-    `kind`: digit after P, 1 to 6; `width`, `height`: size in pixels; `maxval`: value of white; `start`: offset of the
-    first pixel in the file, in bytes.
+    `kind`: digit after P in the first line, 1 to 6; `width`, `height`: size in pixels; `maxval`: channel value of
+    white; `start`: offset of the first pixel in the file, in bytes.
     """
 
     kind: int
@@ -95,7 +95,8 @@ def _read_header(data: bytes, path: Path) -> _Header:
 def _raster(data: bytes, header: _Header, count: int, path: Path) -> NDArray[Any]:
     """Return the channel values in the file as a flat array of `count` entries, or fewer if the file is cut short.
 
-    `count`: number of channel values of the whole picture.
+    `data`: content of the file; `count`: number of channel values of the whole picture; `path`: name of the file, for
+    messages.
     """
     if header.kind == 1:
         return _plain_bits(data[header.start :], count, path)

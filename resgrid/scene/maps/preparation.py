@@ -20,11 +20,11 @@ from resgrid.robots import CellSet
 from resgrid.scene.maps.arrays import MapCells
 
 Window = tuple[tuple[int, int], ...]
-"""Part of a map: first cell and end (exclusive) along each axis."""
+"""Part of a map: for each axis the index of its first cell, and of the cell after its last one."""
 
 
 class MapSource(Protocol):
-    """A map of which parts can be read."""
+    """Interface of a map of which parts can be read."""
 
     @property
     def axes(self) -> tuple[Axis, ...]:
@@ -35,9 +35,9 @@ class MapSource(Protocol):
         """Transformation from map coordinates to world coordinates."""
 
     def known(self) -> Window | None:
-        """Return the smallest window with all cells of known occupancy.
+        """Return the smallest window that contains all cells of known occupancy; None if no cell is known.
 
-        None if no cell is known.  Raises InputError for a format without unknown cells.
+        Raises InputError for a format without unknown cells.
         """
 
     def cells(self, window: Window) -> MapCells:
@@ -75,7 +75,10 @@ class Preparation:
 
     @classmethod
     def of(cls, table: Mapping[str, Any], extent: float) -> Preparation:
-        """Return the preparation that a ``[map]`` table describes, for a robot of a given `extent`."""
+        """Return the cropping and joining of cells that a ``[map]`` table demands, for a robot of a given `extent`.
+
+        Raises InputError if the table both joins and divides cells.
+        """
         given = {key: table[key] for key in KEYS if table.get(key) is not None}
         preparation = cls(**given, extent=extent)
         if preparation.coarsen > 1 and preparation.refine > 1:
@@ -86,9 +89,10 @@ class Preparation:
         return preparation
 
     def apply(self, source: MapSource, periodic: Sequence[str] = ()) -> MapCells:
-        """Return the prepared cells of a map; `periodic`: names of its periodic axes.
+        """Return the cells of a map after cropping, and after joining or dividing cells.
 
-        Raises InputError if the part is empty, or if a periodic axis would be cut.
+        `periodic`: names of the periodic axes of the map. Raises InputError if the cropped part is empty, or if a
+        periodic axis would be cut.
         """
         axes = source.axes
         whole = whole_window(axes)
@@ -113,13 +117,20 @@ class Preparation:
         return self._resized(source, inner, outer)
 
     def _margin(self, axis: Axis) -> int:
-        """Return the number of cells around the part whose obstacles the robot can touch from inside the part."""
+        """Return the width, in cells, of the border around a cropped part whose obstacles the robot can touch.
+
+        The width is 0 without cropping. `axis`: axis of the map across the border.
+        """
         if self.crop is None or not self.extent:
             return 0
         return ceil(min(self.extent / axis.spacing, axis.cells)) + 2 * self.coarsen
 
     def _inflated(self, codes: NDArray[np.uint8], unknown: NDArray[np.bool_] | None) -> NDArray[np.bool_]:
-        """Return the mask of obstacle cells that the robot's body must not touch, shape of `codes` and `unknown`."""
+        """Return the mask of obstacle cells that no point of the robot may touch, in the shape of `codes`.
+
+        `codes`: cell codes; `unknown`: mask of unknown cells, None without any; unless `inflate_around_unknown`,
+        unknown cells are not in the result.
+        """
         blocked = np.asarray(codes == Cell.OBSTACLE)
         return blocked if self.inflate_around_unknown or unknown is None else np.asarray(blocked & ~unknown)
 
@@ -133,9 +144,9 @@ class Preparation:
         return window_of_box(source.axes, source.frame, self.crop)
 
     def _resized(self, source: MapSource, inner: Window, outer: Window) -> MapCells:
-        """Return the cells of the window `inner` in coarse or fine cells, with the obstacles around this window.
+        """Return the cells of the window `inner`, joined or divided, with the obstacles around this window.
 
-        `source`: the whole map; `outer`: window of the obstacles that are kept.
+        `source`: the whole map; `outer`: window that contains these obstacles.
         """
         axes, step = source.axes, self.coarsen
         pads = []
@@ -172,9 +183,10 @@ class Preparation:
 
 
 def _require_joined_cells(axes: Sequence[Axis], kept: Window, step: int) -> None:
-    """Raise InputError if no coarse cell of `step` cells per axis lies in the map, so that all would be obstacles.
+    """Raise InputError if every joined cell would extend past the map, because all would then be obstacles.
 
-    `axes`: axes of the map; `kept`: window of the part whose cells are joined, from its first cell on.
+    `axes`: axes of the map; `kept`: window of the cells that are joined; `step`: number of cells per axis that are
+    joined into one.
     """
     most = min(axis.cells - first for axis, (first, _) in zip(axes, kept, strict=True))
     if step > most:
@@ -186,12 +198,12 @@ def _require_joined_cells(axes: Sequence[Axis], kept: Window, step: int) -> None
 
 
 KEYS = tuple(item.name for item in fields(Preparation) if item.name != "extent")
-"""Keys of a ``[map]`` table that describe its preparation."""
+"""Keys of a ``[map]`` table that crop the map, or join or divide its cells."""
 
 
 @dataclass(frozen=True)
 class LoadedMap:
-    """A map whose cells are all in memory, as a source of parts; `loaded`: the cells."""
+    """A map whose cells are all in memory, of which parts can be read; `loaded`: the cells."""
 
     loaded: MapCells
 
@@ -212,7 +224,7 @@ class LoadedMap:
         return extent_of_mask(~self.loaded.unknown)
 
     def cells(self, window: Window) -> MapCells:
-        """Return the cells of a window."""
+        """Return the cells of a window, as a copy unless the window is the whole map."""
         at = tuple(slice(*ends) for ends in window)
         if all(part == slice(0, size) for part, size in zip(at, self.loaded.cell.shape, strict=True)):
             return self.loaded
@@ -227,7 +239,7 @@ class LoadedMap:
 
 
 def no_unknown_cells(ndim: int) -> InputError:
-    """Return the error for ``crop = "known"`` on a map with `ndim` axes whose format has no unknown cells."""
+    """Return the InputError for ``crop = "known"`` on a map with `ndim` axes whose format has no unknown cells."""
     box = [0] * ndim + [10, 5, 3, 2][:ndim]
     return InputError(
         'map.crop = "known": this format has no unknown cells; give the part as a box in world coordinates, '
@@ -249,8 +261,8 @@ def extent_of_mask(mask: NDArray[np.bool_]) -> Window | None:
 def window_of_box(axes: Sequence[Axis], frame: Frame, box: Sequence[float]) -> Window:
     """Return the smallest window of whole cells that covers the part of a box inside the map.
 
-    `axes`, `frame`: axes of the map and their transformation to the world; `box`: lower corner, then upper corner, in
-    world coordinates.  Raises InputError for a box without an inside, or without a common cell with the map.
+    `axes`: axes of the map; `frame`: transformation from map coordinates to the world; `box`: lower corner, then upper
+    corner, in world coordinates. Raises InputError for a box without an inside, or without a common cell with the map.
     """
     ndim = len(axes)
     if len(box) != 2 * ndim:
@@ -277,7 +289,10 @@ def window_of_box(axes: Sequence[Axis], frame: Frame, box: Sequence[float]) -> W
 
 
 def check_corners(box: Sequence[float]) -> None:
-    """Raise InputError unless the first corner of a box lies below the second one, and both are finite."""
+    """Raise InputError unless the lower corner of a box, finite like the upper corner, lies below the upper corner.
+
+    `box`: coordinates of the lower corner, then of the upper corner.
+    """
     lower, upper = box[: len(box) // 2], box[len(box) // 2 :]
     if not all(isfinite(low) and isfinite(high) and low < high for low, high in zip(lower, upper, strict=True)):
         raise InputError(f"map.crop = {list(box)}: the lower corner comes first, and must lie below the upper corner")
@@ -294,7 +309,10 @@ def axes_of_window(axes: Sequence[Axis], window: Window) -> tuple[Axis, ...]:
 
 
 def part_of(axis: Axis, first: int, end: int, cells: int) -> Axis:
-    """Return the axis between two borders of cells of `axis`, divided into `cells` cells; `first`, `end`: borders."""
+    """Return the axis between two cell borders of `axis`, divided into `cells` cells.
+
+    `first`, `end`: indices of the borders; border 0 is the lower end of `axis`.
+    """
     if (first, end, cells) == (0, axis.cells, axis.cells):
         return axis
     lower, upper = (axis.lower + border * axis.spacing for border in (first, end))
@@ -302,16 +320,17 @@ def part_of(axis: Axis, first: int, end: int, cells: int) -> Axis:
 
 
 Arrays = tuple[NDArray[np.uint8], NDArray[np.bool_] | None, NDArray[np.float64] | None]
-"""Codes, unknown cells and conductivities of a map."""
+"""Cell codes, mask of unknown cells, and conductivities of a map, of equal shapes; the last two may be None."""
 
 _CELLS_PER_BAND = 1 << 22
-"""Number of fine cells that are joined at once; limits the memory of the fine cells."""
+"""Number of cells of the file that are read and joined at once; limits the memory for them."""
 
 
 def _coarsened_in_bands(source: MapSource, step: int, window: Window, pads: Sequence[tuple[int, int]]) -> Arrays:
-    """Return the coarse cells of a window, of which bands along the last axis are read one after the other.
+    """Return codes, unknown cells and conductivity of the joined cells of a window, read in bands along the last axis.
 
-    The parameters are those of `_coarsened`, with a `source` and a `window` in place of the cells.
+    `source`: the map; `step`: number of cells along each axis that are joined into one; `window`: the cells to join;
+    `pads`: number of cells added before and after the window along each axis, free before and obstacles after.
     """
     (low, high), (lead, tail) = window[-1], pads[-1]
     width = prod(end - first for first, end in window[:-1])
@@ -332,9 +351,9 @@ def _coarsened(cells: MapCells, step: int, pads: Sequence[tuple[int, int]]) -> A
     """Return codes, unknown cells and conductivity of coarse cells, each of `step` cells along every axis.
 
     `cells`: the fine cells; `pads`: number of cells added before and after them along each axis, free before and
-    obstacles after.  A coarse cell is an obstacle if one of its cells is, otherwise unknown if one of its cells is,
-    otherwise a goal if one of its cells is.  Its conductivity is the smallest one of its cells, as Nav2's
-    CostmapDownsampler takes the largest cost.
+    obstacles after. A coarse cell is an obstacle if one of its cells is an obstacle, otherwise a goal if one of its
+    cells is a goal. It is unknown if one of its cells is unknown and none is a known obstacle. Its conductivity is the
+    smallest one of its cells, as Nav2's CostmapDownsampler takes the largest cost.
     """
     unknown = cells.unknown
     if step == 1:
@@ -368,5 +387,5 @@ def _repeated(values: NDArray[Any] | None, times: int) -> NDArray[Any] | None:
 
 
 def _blocks(values: NDArray[Any], step: int) -> NDArray[Any]:
-    """Return a view of an array with each axis divided into blocks of `step` entries: shape (n, step, m, step, ...)."""
+    """Return a view of an array whose axes are divided into blocks of `step` entries: shape (n, step, m, step, ...)."""
     return values.reshape(tuple(part for size in values.shape for part in (size // step, step)))

@@ -28,7 +28,7 @@ from resgrid.scene.maps.size_advice import smaller_map
 from resgrid.scene.messages import unknown_option
 
 _PIXELS_PER_BLOCK = 1 << 20
-"""Number of pixels that are converted at once in the search for the known part; limits the memory of the search."""
+"""Number of pixels that are converted at once to find the known part of a map; limits the memory of the search."""
 
 COSTS_BYTES = 40
 """Estimated memory for the conversion of occupancies to conductivities, in bytes per pixel."""
@@ -62,11 +62,11 @@ def read_ros(
 
 @dataclass(frozen=True, eq=False)
 class RosParts:
-    """A ROS map as a source of parts.
+    """A ROS map of which parts can be read.
 
     `path`: the ``map.yaml``; `header`: its keys; `picture`: its picture, of which parts can be converted; `dialect`:
-    ROS map reader whose rules apply; `options`: further options of `read_ros`; `axes`, `frame`: position of the whole
-    map.
+    ROS map reader whose rules apply; `options`: further options of `read_ros`; `axes`: axes of the whole map; `frame`:
+    transformation from map coordinates to the world.
     """
 
     path: Path
@@ -102,12 +102,15 @@ class RosParts:
         return _cells(occupancy, self.header, axes_of_window(self.axes, window), self.frame, **self.options)
 
     def occupancies(self, rows: slice, columns: slice) -> NDArray[np.int8]:
-        """Return the occupancies of a part of the picture, top row first."""
+        """Return the occupancies of a part of the picture, top row first, 0 to 100 or -1 for unknown.
+
+        `rows`, `columns`: part of the picture in pixels, row 0 at the top.
+        """
         return convert(self.picture.part(rows, columns), self.header, self.dialect)
 
 
 def open_ros(path: Path, dialect: Dialect = NEWEST, **options: Any) -> RosParts:
-    """Return a ROS map as a source of parts; the options are those of `read_ros`."""
+    """Return a ROS map of which parts can be read; `path`: the ``map.yaml``; the options are those of `read_ros`."""
     header = read_header(path, dialect)
     name = picture_of(path, header.image)
     picture = open_picture(name)
@@ -128,9 +131,11 @@ def _cells(
     lethal: int | None = None,
     least_conductivity: float | None = None,
 ) -> MapCells:
-    """Return the cells for occupancies (height, width), bottom row first.
+    """Return the cells of a ROS map.
 
-    `header`: keys of the ``map.yaml``; `axes`, `frame`: position of the cells; the options are those of `read_ros`.
+    `occupancy` (height, width): in percent, -1 for unknown, bottom row first; `header`: keys of the ``map.yaml``;
+    `axes`: axes of the cells in map coordinates; `frame`: transformation from map coordinates to the world; `unknown`,
+    `lethal`, `least_conductivity`: options of `read_ros`.
     """
     occupied = _is_occupied(occupancy, header, lethal)
     unseen = occupancy == UNKNOWN
@@ -222,7 +227,7 @@ def _warn_of_palette(picture: Path, raster: Raster, dialect: Dialect) -> None:
 
 
 def place_of_map(origin: Sequence[float], resolution: float, shape: tuple[int, ...]) -> tuple[tuple[Axis, ...], Frame]:
-    """Return axes and frame of a ROS map.
+    """Return the axes of a ROS map in map coordinates, and the transformation from map coordinates to the world.
 
     `origin`: x, y and yaw of the lower left corner in metres and radians; `resolution`: width of a cell in metres;
     `shape`: (height, width) in cells.

@@ -9,7 +9,7 @@ from resgrid.scene.maps.preparation import Window
 
 
 def smaller_map(shape: Sequence[int], ratio: float, known: Window | None) -> str:
-    """Return the options that make a map fit in memory, with the remaining numbers of cells, as text.
+    """Return text that names the options which make a map fit in memory, with the numbers of cells that remain.
 
     `shape`: number of cells along every axis of the map; `ratio`: needed divided by available memory; `known`: window
     of the cells of known occupancy, None for a map without unknown cells.
@@ -23,7 +23,7 @@ def smaller_map(shape: Sequence[int], ratio: float, known: Window | None) -> str
 
 
 def _joined(shape: Sequence[int], ratio: float) -> str:
-    """Return the option that joins enough cells to divide their number by `ratio`, with the remaining number.
+    """Return text with the option ``coarsen`` that divides the number of cells by at least `ratio`, and the result.
 
     `shape`: number of cells along every axis.
     """

@@ -28,25 +28,29 @@ from resgrid.scene.solids.octree import MIDDLE, read_octree
 from resgrid.scene.solids.point_clouds import cloud_cells
 
 _BYTES_PER_VOXEL = 4
-"""Estimated memory of a part in bytes per voxel."""
+"""Estimated memory for the cells of a part of a map, in bytes per voxel."""
 
 _BYTES_PER_POINT = 120
-"""Estimated memory in bytes per point of a cloud while its voxels are computed."""
+"""Estimated memory for finding the voxels of a point cloud, in bytes per point."""
 
 _LARGE = 64
-"""Number of voxels from which cubes are written one after the other; smaller ones of equal size are written at once."""
+"""Number of voxels from which a cube is written to the array of cells alone.
+
+Smaller cubes of equal size are written at once.
+"""
 
 _SUGGESTED = 100
-"""Number of voxels along the longest side of a point cloud for the width of voxels that a message suggests."""
+"""Number of voxels along the longest side of a point cloud at the voxel width that an error message suggests."""
 
 
 @dataclass(frozen=True, eq=False)
 class VoxelParts:
-    """A map in space as a source of parts.
+    """A map in space of which parts can be read.
 
     `path`: the file; `axes`: axes of the whole map; `occupied` (n, 4): cubes of obstacles as first voxel and width, in
     voxels from the map's lower corner; `free` (m, 4): cubes of free space, None for a format in which all voxels that
-    are not occupied are free; `unknown`: treatment of voxels in neither list.
+    are not occupied are free; `unknown`: whether voxels in neither list are "obstacle" or "free"; `frame`:
+    transformation from map coordinates to the world.
     """
 
     path: Path
@@ -57,7 +61,7 @@ class VoxelParts:
     frame: Frame = field(default_factory=Frame)
 
     def known(self) -> Window:
-        """Return the smallest window with all known voxels, which is the whole map.
+        """Return the smallest window that contains all known voxels, which is the whole map.
 
         Raises InputError for a format without unknown voxels.
         """
@@ -90,7 +94,7 @@ def read_voxels(path: Path) -> MapCells:
 
 
 def open_voxels(path: Path) -> VoxelParts:
-    """Return a MovingAI voxel map as a source of parts."""
+    """Return a MovingAI voxel map of which parts can be read."""
     sizes, voxels = open_voxel_list(path)
     axes = tuple(Axis(name, 0.0, float(size), size, unit="cell") for name, size in zip("xyz", sizes, strict=True))
     return VoxelParts(path, axes, _units(voxels))
@@ -115,7 +119,11 @@ def read_octomap_cells(
 
 
 def open_octomap(path: Path, unknown: str = "obstacle", occupied: float = 0.5) -> VoxelParts:
-    """Return an OctoMap as a source of parts; the options are those of `read_octomap_cells`."""
+    """Return an OctoMap of which parts can be read.
+
+    `unknown`: whether unknown voxels are "obstacle" or "free"; `occupied`: probability from which a voxel of an ``.ot``
+    file is occupied.
+    """
     tree = read_octree(path, occupied)
     first, last = tree.bounds
     axes = _cubic_axes(first - MIDDLE, last - MIDDLE, tree.resolution)
@@ -156,7 +164,11 @@ def open_cloud(
     position: SpacePoint = (0.0, 0.0, 0.0),
     rotation: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> VoxelParts:
-    """Return a point cloud as a source of parts; the options are those of `read_cloud_cells`."""
+    """Return a point cloud as a map of which parts can be read; raise InputError without `spacing`.
+
+    `spacing`: width of a voxel in metres; `scale`: factor from lengths of the file to metres; `position`: position of
+    the file's origin in metres; `rotation`: roll, pitch and yaw of the file's axes in radians.
+    """
     pose = rigid_pose(position, rotation) * [scale, scale, scale, 1.0]
     if spacing is None:
         raise _no_spacing(path, pose)
@@ -167,7 +179,10 @@ def open_cloud(
 
 
 def _no_spacing(path: Path, pose: NDArray[np.float64]) -> InputError:
-    """Return the error for a cloud without a width of voxels, which suggests a width; `pose` (4, 4): of the cloud."""
+    """Return the InputError for a point cloud without a given voxel width; the message suggests a width.
+
+    `pose` (4, 4): transformation from coordinates of the file to metres in the map.
+    """
     extent = np.ptp(cloud_cells(path, 1e-3, pose, _BYTES_PER_POINT), axis=0).max() * 1e-3
     suggested = max(float(f"{extent / _SUGGESTED:.1g}"), 1e-3)
     return InputError(
@@ -182,7 +197,11 @@ def _units(voxels: NDArray[np.int32]) -> NDArray[np.int32]:
 
 
 def _cubic_axes(first: NDArray[np.integer], last: NDArray[np.integer], width: float) -> tuple[Axis, ...]:
-    """Return axes x, y and z in metres; `first`, `last` (3,): border voxels from the origin; `width`: of a voxel."""
+    """Return axes x, y and z in metres of a grid of cubic voxels.
+
+    `first`, `last` (3,): lower and upper border of the grid, in voxel widths from the origin; `width`: width of a voxel
+    in metres.
+    """
     return tuple(
         Axis(name, low * width, high * width, high - low)
         for name, low, high in zip("xyz", first.tolist(), last.tolist(), strict=True)
@@ -190,9 +209,10 @@ def _cubic_axes(first: NDArray[np.integer], last: NDArray[np.integer], width: fl
 
 
 def _fill(out: NDArray[Any], cubes: NDArray[np.int32], begin: Sequence[int], value: int) -> None:
-    """Set the cells in cubes to a value, in place.
+    """Set the cells in cubes to `value`, in place.
 
-    `out`: cells of a window whose first voxel is `begin`; `cubes` (n, 4): first voxel and width, in voxels of the map.
+    `out`: cells of a window; `begin`: first voxel of this window in the map; `cubes` (n, 4): first voxel and width, in
+    voxels of the map.
     """
     low = cubes[:, :3] - np.array(begin, dtype=np.int32)
     high = np.minimum(low + cubes[:, 3:], np.array(out.shape, dtype=np.int32))

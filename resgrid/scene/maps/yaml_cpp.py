@@ -20,7 +20,7 @@ from resgrid._internal.files import MAX_TEXT_BYTES, read_bytes
 from resgrid.errors import InputError
 
 Scalar: TypeAlias = "str | dict[str, str] | None"
-"""Value of a YAML node: text, None for null, or an empty dictionary for a node that is not a scalar."""
+"""Value of a YAML node: text; None for null; or an empty dictionary, which stands for any node that is not a scalar."""
 
 Value: TypeAlias = "Scalar | list[Scalar]"
 

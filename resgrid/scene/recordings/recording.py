@@ -27,18 +27,19 @@ from resgrid.scene.recordings.storage import (
 from resgrid.scene.recordings.transforms import TransformBuffer, UncoveredError, read_transforms
 
 BASE_FRAMES = ("base_link", "base_footprint")
-"""Names of the frame of a robot that are tried in this order."""
+"""Default names of the robot's frame; the first one that the transforms of a recording contain is used."""
 
 _GOAL_TOPICS = ("goal_pose", "goal", "move_base_simple/goal")
-"""Last parts of the names of topics with goals, from Nav2 and from navigation of ROS 1."""
+"""Last parts of the names of topics that carry goals, in Nav2 and in the navigation stack of ROS 1."""
 
 
 @dataclass(frozen=True, eq=False)
 class Poses:
     """Poses of the robot in a recording, from transforms or from a topic of poses.
 
-    `buffer`, `base_frame`: transforms and the frame of the robot; `stamped`: time stamps in nanoseconds, sorted, and
-    poses at these times, by frame; `ignored`: note on the transforms that were left out, None without one.
+    `buffer`: transforms, None if a topic of poses is used; `base_frame`: frame of the robot in the transforms;
+    `stamped`: for a topic of poses, sorted time stamps in nanoseconds and the poses at these times, by coordinate
+    frame; `ignored`: text about unusable transforms, None if there are none.
     """
 
     buffer: TransformBuffer | None = None
@@ -47,7 +48,11 @@ class Poses:
     ignored: str | None = None
 
     def at(self, frame: str, stamp: int) -> tuple[Pose | None, str | None]:
-        """Return the pose in a frame at a time in nanoseconds, and a note; None without a pose."""
+        """Return the pose of the robot, and a text about deviations such as a pose from another time, or None.
+
+        `frame`: coordinate frame of the pose; `stamp`: time in nanoseconds. Without a pose in this frame the first
+        result is None, and the text gives the reason.
+        """
         if self.buffer is not None:
             try:
                 return self.buffer.pose(frame, self.base_frame, stamp)
@@ -73,9 +78,9 @@ class Recording:
     file : Path
         The file or folder.
     ros : {1, 2}
-        Version of ROS.
+        1 for ROS 1, 2 for ROS 2.
     storage : {"bag", "sqlite3", "mcap"}
-        Kind of file.
+        Kind of recording: a bag of ROS 1, or a database or MCAP file of ROS 2.
     map_topic : str
         Topic of the maps.
     updates_topic : str or None
@@ -135,9 +140,10 @@ class Recording:
                     last = replace(last, note=None)
 
     def _placed(self, snapshot: MapSnapshot, goal: Pose | None, goal_frame: str, extra: str | None) -> MapSnapshot:
-        """Return a snapshot with the pose of the robot at its time, and with the goal.
+        """Return a snapshot with the pose of the robot at its time, and with the goal if its frame is that of the map.
 
-        `goal_frame`: frame of the goal; `extra`: further note, None without one.
+        `goal_frame`: coordinate frame of the goal; `extra`: text to add to the `note` of the snapshot, None without
+        one.
         """
         notes, start = [snapshot.note], None
         if goal is not None and snapshot.has_map and goal_frame != snapshot.frame_id:
@@ -150,7 +156,7 @@ class Recording:
 
 
 def _mapped(message: Any, received: int) -> MapSnapshot:
-    """Return the snapshot of a map message; of an unusable one, a snapshot without a map that notes the reason."""
+    """Return the snapshot of a map message; for an unusable one, a snapshot without cells whose `note` says why."""
     try:
         snapshot = MapSnapshot.of_message(message, received=received)
         return snapshot if snapshot.has_map else replace(snapshot, note="the map has no cells")
@@ -161,7 +167,7 @@ def _mapped(message: Any, received: int) -> MapSnapshot:
 
 
 def _goal(message: Any) -> tuple[Pose | None, str, str | None]:
-    """Return pose and frame of a goal message, and a note if the pose is not finite."""
+    """Return pose and frame of a goal message, and None; if the pose is not finite, None and a text that says so."""
     frame = frame_name(message.header.frame_id)
     try:
         return pose_of(message.pose), frame, None
@@ -247,12 +253,12 @@ def read_bag(
 
 
 def _names(bag: Bag, kinds: Sequence[str]) -> list[str]:
-    """Return the names of the topics with messages of some types, sorted."""
+    """Return the names of the topics of a recording whose message type is one of `kinds`, sorted."""
     return sorted(name for name, topic in bag.topics.items() if topic.kind in kinds)
 
 
 def _listed(bag: Bag, names: Sequence[str]) -> str:
-    """Return topics with their numbers of messages as text."""
+    """Return the given topics with their numbers of messages as text for an error message."""
     counts = ((name, bag.topics[name].count) for name in names)
     return ", ".join(f"{name} ({count} message{'' if count == 1 else 's'})" for name, count in counts)
 
@@ -294,7 +300,7 @@ def _topic(bag: Bag, name: str | None, kinds: Sequence[str], noun: str, option: 
 
 
 def _updates(bag: Bag, maps: str, name: str | None) -> str | None:
-    """Return the topic of the updates; by default that of the map with ``_updates``, None if it does not exist."""
+    """Return the topic `name` of the updates; by default that of the maps with ``_updates``, None if there is none."""
     default = f"{maps}_updates"
     if name is None and (default not in bag.topics or bag.topics[default].kind != UPDATE):
         return None
@@ -304,7 +310,7 @@ def _updates(bag: Bag, maps: str, name: str | None) -> str | None:
 def _poses(
     bag: Bag, maps: str, pose_topic: str | None, tf_topic: str | None, base_frame: str | None
 ) -> tuple[Poses, str]:
-    """Return the poses of the robot in a recording and their source; the parameters are those of `read_bag`."""
+    """Return the poses of the robot and their source as text; the parameters after `maps` are those of `read_bag`."""
     if pose_topic is not None:
         if tf_topic is not None or base_frame is not None:
             raise InputError("pose_topic replaces the transforms; leave out tf_topic and base_frame")
@@ -333,7 +339,7 @@ def _poses(
 
 
 def _stamped(bag: Bag, topic: str) -> tuple[Poses, str]:
-    """Return the poses of a topic and the name of the topic."""
+    """Return the finite poses of the robot on a topic of poses, and the text ``topic NAME``."""
     entries = []
     for _, received, message in bag.messages([topic]):
         pose = message.pose.pose if hasattr(message.pose, "pose") else message.pose
@@ -350,10 +356,10 @@ def _stamped(bag: Bag, topic: str) -> tuple[Poses, str]:
 
 
 def _tf_topics(bag: Bag, maps: str, name: str | None) -> list[str]:
-    """Return the topics of moving and static transforms; an empty list without one.
+    """Return the topics of moving and static transforms; empty if the recording has none.
 
-    `maps`: topic of the maps, in whose namespace, and in the namespaces around it, ``tf`` is searched; `name`: topic
-    that the user has named.
+    `maps`: topic of the maps, in whose namespace, and then in the namespaces around it, ``tf`` is searched; `name`:
+    topic that the user has named, None otherwise.
     """
     known = _names(bag, TRANSFORMS)
     if name is not None:
@@ -375,7 +381,7 @@ def _tf_topics(bag: Bag, maps: str, name: str | None) -> list[str]:
 
 
 def _base_frame(bag: Bag, buffer: TransformBuffer, name: str | None) -> str:
-    """Return the frame of the robot; raise InputError, with a list, if the transforms have no such frame."""
+    """Return the frame `name` of the robot, or for None one of `BASE_FRAMES`; raise InputError if it does not exist."""
     frames = buffer.frames
     if name is not None:
         if frame_name(name) in frames:

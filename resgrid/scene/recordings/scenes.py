@@ -22,11 +22,11 @@ MAP_KEYS = (
 
 
 class UnusableMapError(InputError):
-    """A map of a recording that cannot be prepared, such as one without a known cell that is cropped to this part."""
+    """A map of a recording cannot be prepared, for example ``crop = "known"`` for a map without a known cell."""
 
 
 def check_map_table(table: Mapping[str, Any]) -> None:
-    """Raise InputError for a key of a ``[map]`` table that does not apply to recordings, or for an invalid part."""
+    """Raise InputError for a key of a ``[map]`` table that does not apply to recordings, or for an invalid `crop`."""
     for key in table:
         if key in MAP_KEYS:
             continue
@@ -46,10 +46,10 @@ def check_map_table(table: Mapping[str, Any]) -> None:
 
 
 def cells_of_snapshot(snapshot: MapSnapshot, table: Mapping[str, Any], extent: float = 0.0) -> MapCells:
-    """Return the prepared cells of a snapshot.
+    """Return the cells of a snapshot after cropping and after joining or dividing cells, as a ``[map]`` table demands.
 
-    `table`: ``[map]`` table of the scene; `extent`: largest distance from the robot's reference point to a point of the
-    robot.  Raise UnusableMapError if the map cannot be cropped as the table demands.
+    `table`: values of the ``[map]`` table by key; `extent`: largest distance from the robot's reference point to a
+    point of the robot, in metres. Raises UnusableMapError if the map cannot be cropped as the table demands.
     """
     axes, frame = place_of_map(snapshot.origin, snapshot.resolution, snapshot.occupancy.shape)
     lethal, least = table.get("lethal"), table.get("least_conductivity")

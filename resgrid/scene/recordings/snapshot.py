@@ -13,10 +13,10 @@ from resgrid._internal.values import frozen
 from resgrid.errors import InputError
 
 Pose = tuple[float, float, float]
-"""Place in the plane in metres and heading in radians."""
+"""Pose in the plane: x and y in metres, heading in radians."""
 
 _FLAT = 1e-6
-"""Largest deviation from 1 of the cosine between the vertical and the normal of a map."""
+"""Largest deviation from 1 of the cosine between the vertical and the normal of a map; steeper maps are rejected."""
 
 
 @frozen
@@ -48,7 +48,7 @@ class MapSnapshot:
     goal : tuple of float or None
         Pose of the goal (x, y, yaw) from the recording; None without one.
     note : str or None
-        Deviations, such as an ignored update, or a pose from another time than `stamp`; None without one.
+        Text about deviations, such as an ignored update, or a pose from another time than `stamp`; None without one.
 
     Raises
     ------
@@ -216,7 +216,7 @@ class MapSnapshot:
         return replace(self, start=first, goal=last)
 
     def _why_ignored(self, message: Any) -> str | None:
-        """Return the reason why an update cannot be applied; None if it can."""
+        """Return the reason why a message of an update cannot be applied to this map; None if it can."""
         if not self.has_map:
             return "it precedes the first usable map"
         frame = frame_name(message.header.frame_id)
@@ -234,16 +234,16 @@ class MapSnapshot:
 
 
 def _is_clean(values: NDArray[Any]) -> bool:
-    """Return whether an array can be kept without a copy: read-only occupancies from -1 to 100, as of a snapshot."""
+    """Return whether an array needs no copy and check: it is read-only int8 with occupancies from -1 to 100."""
     if values.dtype != np.int8 or values.flags.writeable or not values.flags.owndata:
         return False
     return not values.size or (int(values.min()) >= -1 and int(values.max()) <= 100)
 
 
 def _plain(resolution: float) -> float:
-    """Return a resolution that a message holds in single precision as the shortest decimal number: 0.05, not 0.0500001.
+    """Return a single-precision resolution as the shortest decimal number with this value: 0.05, not 0.0500001.
 
-    A map with this resolution has the same axes as the map file from which the message was made.
+    A map with this resolution has exactly the axes of the map file from which the message was made.
     """
     single = np.float32(resolution)
     return float(str(single)) if float(single) == resolution else resolution
@@ -258,13 +258,13 @@ def _rows(data: Any, height: int, width: int) -> NDArray[np.int8]:
 
 
 def stamp_of(message: Any) -> int:
-    """Return the time stamp of a message with a header, in nanoseconds."""
+    """Return the time stamp in the header of a ROS message, in nanoseconds."""
     stamp = message.header.stamp
     return int(stamp.sec) * 10**9 + int(stamp.nanosec)
 
 
 def frame_name(text: str) -> str:
-    """Return the name of a frame without a leading slash, as in tf2."""
+    """Return the name of a coordinate frame without a leading slash, as tf2 compares names."""
     return text.removeprefix("/")
 
 
@@ -275,10 +275,10 @@ def seconds_text(nanoseconds: int) -> str:
 
 
 def yaw_of(quaternion: tuple[float, float, float, float]) -> tuple[float, float]:
-    """Return the heading in radians of a rotation (x, y, z, w), and the cosine of its tilt from the vertical.
+    """Return the heading in radians of a rotation, and the cosine of the angle between its z axis and the vertical.
 
-    The quaternion need not be normalized; (0, 0, 0, 0), which many nodes send, stands for no rotation.  Raise
-    InputError for numbers that are not finite.
+    `quaternion`: (x, y, z, w) of any positive length; (0, 0, 0, 0), which many nodes send, stands for no rotation.
+    Raises InputError for numbers that are not finite.
     """
     norm = hypot(*quaternion)
     if not isfinite(norm):
@@ -290,7 +290,7 @@ def yaw_of(quaternion: tuple[float, float, float, float]) -> tuple[float, float]
 
 
 def pose_of(pose: Any) -> Pose:
-    """Return place and heading of a ``geometry_msgs`` Pose or Transform; raise InputError if it is not finite."""
+    """Return the pose in the plane of a ``geometry_msgs`` Pose or Transform; raise InputError if it is not finite."""
     place = pose.position if hasattr(pose, "position") else pose.translation
     turn = pose.orientation if hasattr(pose, "orientation") else pose.rotation
     yaw, _ = yaw_of((turn.x, turn.y, turn.z, turn.w))

@@ -18,27 +18,27 @@ if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
 Storage = Literal["bag", "sqlite3", "mcap"]
-"""Kind of file: a bag of ROS 1, or a database or MCAP file of ROS 2."""
+"""Kind of recording: a bag of ROS 1, or a recording of ROS 2 in an SQLite database or in MCAP files."""
 
 STORAGES: dict[str, Storage] = {".bag": "bag", ".db3": "sqlite3", ".mcap": "mcap"}
-"""Kind of file by suffix."""
+"""Kind of recording by suffix of the file."""
 
 GRID, UPDATE = "nav_msgs/msg/OccupancyGrid", "map_msgs/msg/OccupancyGridUpdate"
 TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 POSE, POSE_WITH_COVARIANCE = "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/PoseWithCovarianceStamped"
 PATH = "nav_msgs/msg/Path"
 READ = (GRID, UPDATE, *TRANSFORMS, POSE, POSE_WITH_COVARIANCE)
-"""Message types that are decoded."""
+"""Message types that `Bag.messages` decodes; other types are rejected."""
 
 _TOPIC_NAME = re.compile(r"/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
-"""Pattern of topic names that both versions of ROS allow."""
+"""Pattern of the names of topics that both ROS 1 and ROS 2 allow."""
 
 _DEFINITIONS = {
     UPDATE: "std_msgs/Header header\nint32 x\nint32 y\nuint32 width\nuint32 height\nint8[] data\n",
     TRANSFORMS[0]: "geometry_msgs/TransformStamped[] transforms\n",
     TRANSFORMS[1]: "geometry_msgs/TransformStamped[] transforms\n",
 }
-"""Definitions of the message types that the package rosbags lacks for some versions of ROS."""
+"""Definitions of message types that the package rosbags lacks for ROS 1 or ROS 2, by name of the type."""
 
 _REINDEX = {
     "bag": "repair a copy with 'rosbag reindex'",
@@ -49,14 +49,20 @@ _REINDEX = {
 
 @dataclass(frozen=True)
 class Topic:
-    """A topic of a recording; `kind`: message type, such as ``nav_msgs/msg/OccupancyGrid``; `count`: messages."""
+    """A topic of a recording.
+
+    `kind`: message type, such as ``nav_msgs/msg/OccupancyGrid``; `count`: number of messages.
+    """
 
     kind: str
     count: int
 
 
 def check_topic_name(name: str, option: str) -> None:
-    """Raise InputError unless ROS allows the name of a new topic; `option`: name of the option, for the message."""
+    """Raise InputError unless ROS allows a topic of the name `name`.
+
+    `option`: option that gave the name, for the message.
+    """
     if not _TOPIC_NAME.fullmatch(name):
         raise InputError(
             f"{option} = {name!r} is not a topic name of ROS; write letters, digits and underscores, with single "
@@ -65,7 +71,7 @@ def check_topic_name(name: str, option: str) -> None:
 
 
 def require_rosbags() -> None:
-    """Raise ToolMissingError, with the command of the installation, unless the package rosbags can be imported."""
+    """Raise ToolMissingError, which contains the install command, unless the package rosbags can be imported."""
     try:
         import rosbags.typesys  # noqa: F401
     except ImportError as error:
@@ -76,7 +82,7 @@ def require_rosbags() -> None:
 
 @cache
 def type_store(ros: Literal[1, 2]) -> Typestore:
-    """Return the message types of a version of ROS, with those that rosbags lacks."""
+    """Return the message types of ROS 1 or ROS 2 from rosbags, extended by `_DEFINITIONS`."""
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     store = get_typestore(Stores.ROS1_NOETIC if ros == 1 else Stores.ROS2_HUMBLE)
@@ -87,7 +93,7 @@ def type_store(ros: Literal[1, 2]) -> Typestore:
 
 
 def storage_of(path: Path) -> Storage:
-    """Return the kind of a recording; raise InputError for a file or folder of another kind."""
+    """Return the kind of a recording; raise InputError for a file or folder that is no recording."""
     if not path.exists():
         raise InputError(f"{path}: there is no such recording; check the name and the folder")
     if path.is_dir():
@@ -115,7 +121,7 @@ def storage_of(path: Path) -> Storage:
 class Bag:
     """An open recording.
 
-    `path`: file or folder; `storage`: kind of file; `ros`: version of ROS; `topics`: topics by name.
+    `path`: file or folder; `storage`: kind of recording; `ros`: 1 or 2 for ROS 1 or ROS 2; `topics`: topics by name.
     """
 
     def __init__(self, path: Path, storage: Storage, reader: Any) -> None:
@@ -131,10 +137,10 @@ class Bag:
         }
 
     def messages(self, names: Collection[str]) -> Iterator[tuple[str, int, Any]]:
-        """Yield topic, time of arrival in nanoseconds and decoded message, in the order of arrival.
+        """Yield topic, time of arrival in nanoseconds and decoded message of every message, in the order of arrival.
 
-        `names`: names of topics with types of `READ`.  Raise InputError for a damaged recording, and for a message type
-        with another definition.
+        `names`: names of topics whose types are in `READ`. Raises InputError for a damaged recording, and for a message
+        type that the recording defines otherwise than ROS.
         """
         chosen = [connection for name in names for connection in self._by_topic[name]]
         for connection in chosen:
@@ -155,7 +161,10 @@ class Bag:
             yield connection.topic, received, message
 
     def _require_known(self, connection: Connection) -> None:
-        """Raise InputError if the definition of a message type in the recording is not the usual one."""
+        """Raise InputError unless the type of a topic is in `READ` and the recording defines it as ROS does.
+
+        `connection`: the topic with its message type, as rosbags returns it.
+        """
         from rosbags.interfaces import MessageDefinitionFormat
         from rosbags.typesys import get_types_from_msg
 
@@ -178,7 +187,10 @@ class Bag:
 
 @contextmanager
 def open_bag(path: Path) -> Iterator[Bag]:
-    """Open a recording during the block; raise InputError if it is damaged, ToolMissingError without rosbags."""
+    """Open a recording, and yield it during the block.
+
+    Raises InputError if the recording is damaged, and ToolMissingError without the package rosbags.
+    """
     storage = storage_of(path)
     require_rosbags()
     from rosbags.rosbag1 import Reader as Reader1
@@ -198,9 +210,10 @@ def open_bag(path: Path) -> Iterator[Bag]:
 
 @contextmanager
 def reading(path: Path, storage: Storage, counts: dict[str, int] | None = None) -> Iterator[None]:
-    """Convert all errors of rosbags in the block to InputError; damaged files raise errors of many types.
+    """Convert all errors of rosbags in the block to InputError, because damaged files raise errors of many types.
 
-    `counts`: numbers of messages that were read before, by topic.
+    `path`, `storage`: name and kind of the recording, for the message; `counts`: number of messages read so far by
+    topic, None to leave it out of the message.
     """
     try:
         yield

@@ -21,17 +21,20 @@ Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 
 _LONG_GAP = 10 * 10**9
-"""Interval between two samples, in nanoseconds, beyond which an interpolated pose is reported; tf2 keeps 10 s."""
+"""Time between two samples of a transform, in nanoseconds, beyond which a note reports that a pose is interpolated.
+
+The buffer of tf2 covers 10 s by default.
+"""
 
 _MAX_DEPTH = 1000
-"""Largest number of frames between a frame and the root, to end at a cycle of frames; tf2 has the same number."""
+"""Largest number of frames that a search for the root of the frames visits, so that it ends at a cycle; as in tf2."""
 
 _UNIT = 0.01
-"""Deviation from 1 of the squared length of a quaternion, from which tf2 ignores a transform."""
+"""Smallest deviation from 1 of the squared length of a quaternion at which tf2 ignores a transform."""
 
 
 class UncoveredError(Exception):
-    """Transforms that do not connect two frames at a time; the message gives the reason."""
+    """The transforms do not connect two frames at a time; the message gives the reason."""
 
 
 @dataclass(frozen=True)
@@ -45,31 +48,31 @@ class Transform:
     turn: Quaternion = (0.0, 0.0, 0.0, 1.0)
 
     def after(self, inner: Transform) -> Transform:
-        """Return the composition: first `inner`, then this transform."""
+        """Return the composition of two transforms: first `inner`, then this one."""
         x, y, z = _rotated(self.turn, inner.shift)
         a, b, c = self.shift
         return Transform((a + x, b + y, c + z), _product(self.turn, inner.turn))
 
     def inverse(self) -> Transform:
-        """Return the inverse transform."""
+        """Return the inverse transform: the pose of the parent frame in the child frame."""
         x, y, z, w = self.turn
         back = (-x, -y, -z, w)
         a, b, c = _rotated(back, self.shift)
         return Transform((-a, -b, -c), back)
 
     def towards(self, other: Transform, fraction: float) -> Transform:
-        """Return the transform at a `fraction` of the way to another one, by linear interpolation and slerp."""
+        """Return the transform between this one (`fraction` 0) and `other` (1), by linear interpolation and slerp."""
         shift = tuple(a + fraction * (b - a) for a, b in zip(self.shift, other.shift, strict=True))
         return Transform(shift, _slerp(self.turn, other.turn, fraction))  # type: ignore[arg-type]
 
     @property
     def pose(self) -> Pose:
-        """Place and heading in the plane."""
+        """Pose in the plane: x and y in metres, heading in radians."""
         return self.shift[0], self.shift[1], yaw_of(self.turn)[0]
 
 
 def _product(one: Quaternion, two: Quaternion) -> Quaternion:
-    """Return the product of two quaternions, the rotation by `two` and then by `one`."""
+    """Return the product of two unit quaternions (x, y, z, w): the rotation by `two`, followed by that by `one`."""
     x, y, z, w = one
     a, b, c, d = two
     return (
@@ -79,13 +82,13 @@ def _product(one: Quaternion, two: Quaternion) -> Quaternion:
 
 
 def _rotated(turn: Quaternion, vector: Vector) -> Vector:
-    """Return a vector after the rotation by a unit quaternion."""
+    """Return a vector after its rotation by a unit quaternion (x, y, z, w)."""
     x, y, z, w = turn
     return _product(_product(turn, (*vector, 0.0)), (-x, -y, -z, w))[:3]
 
 
 def _slerp(one: Quaternion, two: Quaternion, fraction: float) -> Quaternion:
-    """Return the rotation at a `fraction` of the shortest arc between two rotations."""
+    """Return the rotation at a fraction of the shortest arc from rotation `one` (0) to rotation `two` (1)."""
     cosine = sum(a * b for a, b in zip(one, two, strict=True))
     if cosine < 0:
         two, cosine = tuple(-part for part in two), -cosine  # type: ignore[assignment]
@@ -100,7 +103,12 @@ def _slerp(one: Quaternion, two: Quaternion, fraction: float) -> Quaternion:
 
 @dataclass(eq=False)
 class Track:
-    """Samples of the pose of one frame in its parent; `is_static`: whether they come from static transforms."""
+    """Samples of the pose of one frame in its parent frame.
+
+    `is_static`: whether the samples come from static transforms; `stamps`: times in nanoseconds, in the order of
+    arrival; `values`: seven numbers per sample, translation in metres and quaternion (x, y, z, w); `parents`: parent
+    frame of each sample.
+    """
 
     is_static: bool
     stamps: array[int] = field(default_factory=lambda: array("q"))
@@ -109,7 +117,11 @@ class Track:
     _order: list[int] | None = None
 
     def add(self, stamp: int, parent: str, transform: Transform) -> None:
-        """Append a sample; `stamp`: its time, of a static transform the time of its arrival, in nanoseconds."""
+        """Append a sample.
+
+        `stamp`: time stamp in nanoseconds, of a static transform the time of arrival; `parent`: name of the parent
+        frame.
+        """
         self.stamps.append(stamp)
         self.values.extend((*transform.shift, *transform.turn))
         self.parents.append(parent)
@@ -117,7 +129,7 @@ class Track:
 
     @property
     def order(self) -> list[int]:
-        """Indices of the samples in the order of their time stamps, without repeated time stamps."""
+        """Indices of the samples in the order of their time stamps; of equal time stamps, only the first one counts."""
         if self._order is None:
             first: dict[int, int] = {}
             for index, stamp in enumerate(self.stamps):
@@ -128,15 +140,15 @@ class Track:
 
     @property
     def span(self) -> tuple[int, int]:
-        """First and last time at which the pose is known, in nanoseconds."""
+        """First and last time stamp of the samples, in nanoseconds."""
         order = self.order
         return self.stamps[order[0]], self.stamps[order[-1]]
 
     def at(self, stamp: int, *, nearest: bool = False) -> tuple[str, Transform, int]:
-        """Return parent, pose at a time, and the interval between the samples around this time in nanoseconds.
+        """Return parent frame and pose at a time, and the time in nanoseconds between the samples around it.
 
-        `nearest`: whether a time outside the samples stands for the first or the last one.  Raise UncoveredError for
-        such a time otherwise.
+        The last result is 0 if nothing was interpolated. `stamp`: time in nanoseconds; `nearest`: whether the first or
+        last sample replaces a time outside the samples; otherwise such a time raises UncoveredError.
         """
         order = self.order
         position = bisect_right(self._sorted, stamp) - 1
@@ -160,7 +172,7 @@ class Track:
 
 
 class TransformBuffer:
-    """All usable transforms of a recording, by child frame."""
+    """All usable transforms of a recording; `tracks`: samples by name of the child frame."""
 
     def __init__(self) -> None:
         self.tracks: dict[str, Track] = {}
@@ -169,10 +181,11 @@ class TransformBuffer:
     def add(
         self, parent: str, child: str, stamp: int, shift: Vector, turn: Quaternion, *, is_static: bool = False
     ) -> None:
-        """Add a sample; unusable transforms are left out as in tf2, and `ignored` counts them.
+        """Add a sample of the pose of the frame `child` in the frame `parent`.
 
-        `stamp`: time in nanoseconds; `shift`: translation in metres; `turn`: unit quaternion (x, y, z, w); `is_static`:
-        whether the transform comes from a static topic.
+        Transforms that tf2 would ignore are left out, and `ignored` counts them. `stamp`: time in nanoseconds; `shift`:
+        translation in metres; `turn`: unit quaternion (x, y, z, w); `is_static`: whether the transform comes from a
+        static topic.
         """
         parent, child, norm = frame_name(parent), frame_name(child), hypot(*turn)
         reason = _why_unusable(parent, child, shift, norm)
@@ -186,7 +199,7 @@ class TransformBuffer:
 
     @property
     def ignored(self) -> str | None:
-        """Numbers of the transforms that were left out, with reasons; None without one."""
+        """Text with the numbers of transforms that were left out, by reason; None if there are none."""
         if not self._ignored:
             return None
         parts = [f"{count} {reason} ({first})" for reason, (count, first) in self._ignored.items()]
@@ -194,14 +207,14 @@ class TransformBuffer:
 
     @property
     def frames(self) -> list[str]:
-        """Names of all frames, sorted."""
+        """Names of all coordinate frames that occur as a parent or child, sorted."""
         return sorted({*self.tracks, *(parent for track in self.tracks.values() for parent in track.parents)})
 
     def pose(self, frame: str, base: str, stamp: int) -> tuple[Pose, str | None]:
-        """Return the pose of the frame `base` in the frame `frame` at a time, and a note on deviations.
+        """Return the pose of the frame `base` in the frame `frame` at a time, and a text about deviations or None.
 
-        If the transforms do not cover the time, the nearest time that they cover is used, and the note gives the
-        difference.  Raise UncoveredError if the frames are not connected at any time.
+        `stamp`: time in nanoseconds. If the transforms do not cover this time, the nearest covered time is used, and
+        the text gives the difference. Raises UncoveredError if the frames are not connected at any time.
         """
         try:
             transform, gap, _ = self._lookup(frame, base, stamp, nearest=False)
@@ -225,9 +238,11 @@ class TransformBuffer:
     def _lookup(
         self, frame: str, base: str, stamp: int, *, nearest: bool
     ) -> tuple[Transform, int, list[tuple[int, int]]]:
-        """Return the pose of `base` in `frame`, the longest gap between samples, and the spans of all samples used.
+        """Return the pose of `base` in `frame`, the longest time between interpolated samples, and spans of samples.
 
-        `stamp`: time in nanoseconds; `nearest`: as in `Track.at`.  Raise UncoveredError without a connection.
+        `stamp`: time in nanoseconds; `nearest`: whether the first or last sample replaces times outside the samples.
+        All times are in nanoseconds; a span is the first and last time stamp of the samples of one frame that is not
+        static. Raises UncoveredError if no transforms connect the frames.
         """
         up = self._ancestors(base, stamp, nearest, until={frame})
         down = self._ancestors(frame, stamp, nearest, until=set(up))
@@ -241,9 +256,12 @@ class TransformBuffer:
     def _ancestors(
         self, frame: str, stamp: int, nearest: bool, until: set[str]
     ) -> dict[str, tuple[Transform, int, list[tuple[int, int]]]]:
-        """Return frame and ancestors by name, with the pose of the frame in each, the longest gap and the spans.
+        """Return data of a frame and its ancestors (parent, parent of the parent, and so on), by name of the frame.
 
-        The walk ends at a frame of `until`, at the root, or where a transform does not cover the time.
+        The data are the pose of the first frame in the ancestor, the longest time between interpolated samples, and the
+        first and last time stamps of the samples, in nanoseconds. `stamp`: time; `nearest`: whether the first or last
+        sample replaces times outside the samples; `until`: frames at which the search ends. It also ends at the root,
+        and where the samples do not cover the time.
         """
         pose, gap, spans = Transform(), 0, list[tuple[int, int]]()
         found = {frame: (pose, gap, spans)}
@@ -262,7 +280,10 @@ class TransformBuffer:
 
 
 def _why_unusable(parent: str, child: str, shift: Vector, norm: float) -> str | None:
-    """Return the reason for which tf2 ignores a transform, None for a usable one; `norm`: length of its quaternion."""
+    """Return the reason for which tf2 ignores a transform, None for a usable one.
+
+    `shift`: translation in metres; `norm`: length of its quaternion.
+    """
     if not parent or not child:
         return "without the name of a frame"
     if parent == child:
@@ -273,7 +294,7 @@ def _why_unusable(parent: str, child: str, shift: Vector, norm: float) -> str | 
 
 
 def read_transforms(bag: Bag, topics: Sequence[str]) -> TransformBuffer:
-    """Return all transforms on some topics; those of topics that end in ``_static`` hold at any time."""
+    """Return all transforms on some topics; transforms on topics that end in ``_static`` hold at any time."""
     buffer = TransformBuffer()
     for topic, received, message in bag.messages(topics):
         is_static = topic.endswith("_static")

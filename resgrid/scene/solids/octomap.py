@@ -75,10 +75,10 @@ def read_octomap(
 def _clip_range(
     tree: Octree, lower: SpacePoint | None, upper: SpacePoint | None, path: Path
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the first voxel of the clip box and the voxel after its last (3,), in voxels from the root's corner.
+    """Return the first voxel of the clip box and the voxel after its last, each (3,).
 
-    `lower`, `upper`: corners (x, y, z) of the box in metres, or None for those of the known leaves; `path`: for
-    messages.
+    Voxels are counted from the lower corner of the octree's root cube. `lower`, `upper`: corners (x, y, z) of the box
+    in metres, None for those of the known leaves; `path`: name of the file, for messages.
     """
     if lower is not None and upper is not None and not all(a < b for a, b in zip(lower, upper, strict=True)):
         raise InputError(f"{path}: the clip box needs lower < upper in every coordinate, got {lower} and {upper}")

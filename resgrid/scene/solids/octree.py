@@ -21,10 +21,10 @@ from resgrid.core.axis import LARGEST
 from resgrid.errors import InputError
 
 DEPTH = 16
-"""Number of levels of an OctoMap below its root, whose cube has ``2**16`` voxels along every axis."""
+"""Number of levels of an OctoMap below its root; the root's cube has ``2**16`` voxels along every axis."""
 
 MIDDLE = 1 << (DEPTH - 1)
-"""Index, in voxels from the corner of the root's cube, of the origin."""
+"""Index of the origin along every axis, in voxels from the lower corner of the root's cube."""
 
 BINARY, FULL = b"# Octomap OcTree binary file", b"# Octomap OcTree file"
 """First lines of ``.bt`` and ``.ot`` files."""
@@ -33,24 +33,29 @@ _NODE_TYPES = {
     "OcTree": np.dtype([("value", "<f4"), ("children", "u1")]),
     "ColorOcTree": np.dtype([("value", "<f4"), ("colour", "u1", (3,)), ("children", "u1")]),
 }
-"""Types of a node in ``.ot`` files by the header's ``id``: log-odds of occupancy, and a bit for every child."""
+"""Types of a node in ``.ot`` files by the ``id`` in the header.
+
+`value`: log-odds of occupancy; `children`: one bit for each of the eight possible children.
+"""
 
 _BYTES_PER_NODE = (140.0, 320.0)
 """Estimated memory in bytes per node of a ``.bt`` and of an ``.ot`` file while its leaves are computed."""
 
 _FREE, _OCCUPIED, _INNER = 1, 2, 3
-"""Codes of a child in ``.bt`` files; 0 is unknown."""
+"""Codes of a child in ``.bt`` files: free leaf, occupied leaf, and inner node; 0 is unknown."""
 
 _NO_CUBES = np.empty((0, 4), dtype=np.int32)
-"""Cubes of a tree without nodes."""
+"""Array (0, 4) without cubes."""
 
 
 @dataclass(frozen=True, eq=False)
 class Octree:
-    """Leaves of an octree as cubes: lower corner and width, in voxels from the corner of the root's cube.
+    """Leaves of an octree as cubes.
 
+    A cube is the lower corner (x, y, z) and the width, in voxels from the lower corner of the root's cube.
     `resolution`: width of a voxel in metres; `free` (n, 4), `occupied` (m, 4): known leaves; `inner` (k, 4): lower
-    corner of every inner node and half its width; `missing` (k, 8): children of the inner nodes that do not exist.
+    corner of every inner node and half its width; `missing` (k, 8): mask of the children of each inner node that do not
+    exist.
     """
 
     resolution: float
@@ -61,12 +66,18 @@ class Octree:
 
     @cached_property
     def unknown(self) -> NDArray[np.int32]:
-        """Cubes (l, 4) of missing children, which are unknown space inside the root's cube."""
+        """Cubes (l, 4) of the children that do not exist, which are unknown space inside the root's cube.
+
+        A cube is the lower corner and the width, in voxels from the lower corner of the root's cube.
+        """
         return _child_cubes(self.inner, self.missing)
 
     @property
     def bounds(self) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-        """First voxel of the bounding box of all known leaves, and the voxel after its last one, each (3,)."""
+        """First voxel of the bounding box of all known leaves, and the voxel after its last one, each (3,).
+
+        Voxels are counted from the lower corner of the root's cube.
+        """
         known = [cubes for cubes in (self.free, self.occupied) if len(cubes)]
         first = np.min([cubes[:, :3].min(axis=0) for cubes in known], axis=0)
         return first, np.max([(cubes[:, :3] + cubes[:, 3:]).max(axis=0) for cubes in known], axis=0)
@@ -141,10 +152,11 @@ def _binary_leaves(body: bytes, size: int, resolution: float, path: Path) -> Oct
 
 
 def _full_leaves(body: bytes, dtype: np.dtype[np.void], size: int, scale: tuple[float, float], path: Path) -> Octree:
-    """Return the leaves of an ``.ot`` file: value and bits of existing children of every node, in depth-first order.
+    """Return the leaves of an ``.ot`` file, which holds all nodes in depth-first order.
 
-    `body`: bytes after the header; `dtype`: type of a node; `size`: number of nodes according to the header; `scale`:
-    log-odds from which a leaf is occupied, and width of a voxel in metres.
+    `body`: bytes after the header; `dtype`: type of a node, with its value and a bit for each existing child; `size`:
+    number of nodes according to the header; `scale`: log-odds from which a leaf is occupied, and width of a voxel in
+    metres.
     """
     threshold, resolution = scale
     if size < 0 or len(body) < size * dtype.itemsize:
@@ -167,8 +179,9 @@ def _full_leaves(body: bytes, dtype: np.dtype[np.void], size: int, scale: tuple[
 def _cubes_of_nodes(codes: list[int], children: dict[int, list[int]], least: int, path: Path) -> NDArray[np.int32]:
     """Return the cubes (n, 4) of the nodes of a tree in depth-first order: lower corner and width in voxels.
 
-    `codes`: one code for every node, and possibly further ones; `children`: numbers of the children of a node by its
-    code, the last one first; `least`: smallest width of a node.
+    `codes`: code of every node in this order; codes after the last node are ignored; `children`: for each code, indices
+    (0 to 7) of the children of a node with this code, in descending order; `least`: smallest width of a node; `path`:
+    name of the file, for messages.
     """
     cubes: list[tuple[int, int, int, int]] = []
     stack = [(0, 0, 0, 2 * MIDDLE)]

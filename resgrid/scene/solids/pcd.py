@@ -18,17 +18,17 @@ from resgrid.errors import InputError
 _TYPES = {("F", 4): "<f4", ("F", 8): "<f8"} | {
     (kind, size): f"<{kind.lower()}{size}" for kind in "IU" for size in (1, 2, 4, 8)
 }
-"""NumPy types by the entries of TYPE and SIZE."""
+"""NumPy types of a field, by the entries of TYPE and SIZE in the header."""
 
 _MAX_HEADER = 1 << 16
-"""Largest length of a header in bytes."""
+"""Largest length of the header of a PCD file, in bytes; longer ones are rejected."""
 
 
 class PCDHeader(NamedTuple):
     """Header of a PCD file.
 
-    `dtype`: structured type of one point; `points`: number of points; `encoding`: ascii, binary or binary_compressed;
-    `start`: position of the first byte of the data in the file.
+    `dtype`: NumPy type of one point with its named fields; `points`: number of points; `encoding`: ascii, binary or
+    binary_compressed; `start`: offset of the first byte of the data in the file.
     """
 
     dtype: np.dtype[np.void]
@@ -113,7 +113,7 @@ def _records(body: memoryview, header: PCDHeader, path: Path) -> NDArray[np.void
 
 
 def _planes(data: bytes, header: PCDHeader) -> dict[str, NDArray[np.void]]:
-    """Return the fields by name of decompressed data, in which all values of a field are consecutive."""
+    """Return the fields of the points by name from decompressed data, in which each field's values are consecutive."""
     fields, start = {}, 0
     for name in header.dtype.names or ():
         kind, size = header.dtype[name], header.dtype[name].itemsize * header.points

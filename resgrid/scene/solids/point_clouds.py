@@ -20,7 +20,7 @@ from resgrid.robots.solids import Angle, Length, SpacePoint, rigid_pose
 from resgrid.scene.solids.pcd import read_pcd
 
 _BYTES_PER_POINT = 400
-"""Estimated memory per point in bytes while voxels are merged."""
+"""Estimated memory in bytes per point of a cloud while its voxels are merged into boxes."""
 
 _PCD_STARTS = (b"# .PCD", b"VERSION")
 """First bytes of PCD files."""
@@ -84,10 +84,11 @@ def read_point_cloud(
 
 
 def cloud_cells(path: Path, resolution: float, pose: NDArray[np.float64], bytes_per_point: float) -> NDArray[np.int64]:
-    """Return the voxel of every point of a cloud as indices from the origin, shape (n, 3).
+    """Return the voxel that contains each point of a cloud, as three indices counted from the origin, shape (n, 3).
 
-    `path`: PLY or PCD, recognised by its first bytes; `resolution`: width of a voxel; `pose` (4, 4): transformation of
-    the points; `bytes_per_point`: memory per point that the caller needs.
+    `path`: PLY or PCD file, recognised by its first bytes; `resolution`: width of a voxel; `pose` (4, 4):
+    transformation from coordinates of the file to those of the voxels; `bytes_per_point`: memory per point that is
+    checked beforehand.
     """
     first = read_bytes(path, first=7)
     if path.suffix.lower() == ".ply" and not first.startswith((b"ply", *_PCD_STARTS)):

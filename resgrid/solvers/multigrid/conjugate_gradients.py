@@ -30,9 +30,10 @@ LEAST_GAIN = 0.5
 ROUNDING = 2.0**-52
 """Machine epsilon of double precision."""
 _SINGLE = 5e-7
-"""Residual norm, relative to the begin of a burst, below which the recursive residual is rounding error.
+"""Recursive residual norm, relative to the begin of a burst of iterations, below which it is rounding error.
 
-The recursive residual is the one that each iteration updates in single precision.
+The recursive residual is the one that each iteration updates in single precision. The next burst then starts without
+the last search direction.
 """
 
 _BURST = 1e-5
@@ -76,9 +77,10 @@ _PASS, _LEAST_PASS = 1e-15, 1e-2
 
 
 _RANGE = 400
-"""Difference between the binary exponents of currents (A) and conductances (S) above which the currents are rescaled.
+"""Difference of binary exponents above which the currents are rescaled, since squares of voltages could overflow.
 
-Otherwise squares of voltages could overflow.
+The exponents are those of the largest current in amperes and of the conductance ``hierarchy.unit`` in siemens; the
+magnitude of their difference counts.
 """
 
 
@@ -94,8 +96,8 @@ def iterate(
     """Return the solution (n,) in volts, and its residual norm in amperes.
 
     The iteration ends at the residual norm ``rtol |b|`` or at the limit of rounding. With a guess it also ends if
-    the estimated error of every voltage is at most ``rtol`` times the largest voltage of the guess (after Hestenes
-    & Stiefel 1952; Strakos & Tichy 2002).
+    the estimated error of every voltage is at most ``rtol`` times the largest magnitude of a voltage of the guess
+    (after Hestenes & Stiefel 1952; Strakos & Tichy 2002).
 
     `hierarchy`: multigrid levels of the matrix `laplacian`; `b` (n,): right-hand side in amperes; `rtol`: relative
     residual norm; `guess` (n,): initial solution in volts, None for 0; `watch`: records iterations, and can cancel
@@ -137,7 +139,7 @@ def approximate(
     accuracy: float,
     threads: ThreadTeam = SINGLE_THREAD,
 ) -> Numbers:
-    """Return a solution whose error is small relative to its largest entry, for numbers with separate exponents.
+    """Return a solution with an error that is small relative to its largest magnitude, in numbers with own exponents.
 
     The function is the approximate inverse of iterative refinement. Every number is ``mantissa * 2**(256 * exponent)``.
     Its results are in volts for right-hand sides in amperes.
@@ -198,9 +200,9 @@ class StoppingRule:
     def record(self, power: float, length: Callable[[], float]) -> None:
         """Record the reduction of the error by an iteration, and set `accurate` if the estimated error is small enough.
 
-        `power`: reduction of the squared energy norm of the error; `length`: function that returns the largest change
-        of a voltage by this iteration, in volts. The function is called for the first iteration, and if the reductions
-        suggest that the change is small.
+        `power`: reduction of the squared energy norm of the error; `length`: function that returns the largest
+        magnitude of a change of a voltage by this iteration, in volts. The function is called for the first iteration,
+        and if the reductions suggest that the change is small.
         """
         if not self._near:
             return
@@ -331,7 +333,7 @@ class _Burst:
         self._kept += 1
 
         def move() -> float:
-            """Return the largest change of a voltage in this step, in volts."""
+            """Return the largest magnitude of a change of a voltage in this step, in volts."""
             return float(abs(alpha) * unit * krylov.largest_step(v.z[: self._kept], self._on_p, v.p))
 
         self._stop.record(alpha * zr * unit * unit, move)

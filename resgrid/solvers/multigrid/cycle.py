@@ -101,7 +101,8 @@ def _precondition_grid(
 ) -> tuple[float, float, float]:
     """Precondition the black residual ``r`` by one multigrid cycle; return ``z.r, z.w, z.s`` of the finest grid.
 
-    ``z`` is the correction, ``w`` the product of the matrix with it, and ``s`` that with the last search direction.
+    ``z`` is the correction, ``w`` the product of the matrix with ``z``, and ``s`` the product with the last search
+    direction.
 
     `table`: records of the grids; `state`: array by which the threads share out the work; `graphs, work`: graphs below
     the grids and their work arrays; `stop`: ratio of the residual norms after and before the first step of a K-cycle on

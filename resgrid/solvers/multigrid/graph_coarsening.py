@@ -18,8 +18,14 @@ from resgrid.solvers.multigrid.graph_sweeps import Graphs
 from resgrid.solvers.scaled import Floats, Indices, Integers, Singles
 
 _COARSEST = 250
+"""Number of nodes up to which a graph is not coarsened further."""
+
 _MOST_LEVELS = 40
+"""Maximum number of graphs of a hierarchy."""
+
 _LEAST_SHRINKAGE = 0.98
+"""Ratio of the number of aggregates to the number of nodes above which coarsening ends."""
+
 _MEMBERS = 4
 """Maximum number of nodes of an aggregate, before nodes without a strong neighbour join it."""
 
@@ -30,22 +36,25 @@ The second time, nodes also join along weak conductances.
 """
 
 _WEAK = 0.2
-"""Smallest conductance from a node to an aggregate that the node may join, as a fraction of a sum of conductances.
+"""Least sum of conductances to an aggregate with which a node may join it, as a fraction of a sum of conductances.
 
-The sum is over the conductances of the node, or over those of the aggregate's first node if that sum is smaller.
+The latter sum is over all conductances of the node, or over those of the aggregate's first node if that is smaller.
 """
 
 _BESIDE_STRONGEST = 0.7
-"""Smallest conductance from a node to an aggregate that the node may join even below the limit `_WEAK`.
+"""Least sum of conductances to an aggregate with which a node may join it even below the limit `_WEAK`.
 
-It is a fraction of the strongest conductance of the aggregate's first node.
+It is a fraction of the strongest single conductance of the aggregate's first node.
 """
 
 _FAR = 0.5
 """Fraction of neighbours with distant indices (`ordering_kernels.far_fraction`) above which a netlist is renumbered."""
 
 _WINDOW = 4096
+"""Number of nodes of a colour that are sorted together by their number of neighbours."""
+
 _LARGEST_INVERSE = 2000
+"""Number of nodes of the coarsest graph up to which the inverse of its matrix is computed."""
 
 _LONG = 31
 """Number of neighbours from which on rows count as equally long when rows are sorted by length."""
@@ -53,6 +62,8 @@ _LONG = 31
 _ONE = np.uint64(1)
 
 _TAKEN, _NONE = np.float32(-1.0), np.float32(0.0)
+"""Weights in `grow_aggregates` of a node in an aggregate, and of a node without conductances to the present aggregate.
+"""
 
 
 def coarsen_down(graph: Graph) -> tuple[list[Graph], list[NDArray[np.int32]]]:
@@ -219,7 +230,8 @@ def pack_netlist(rows: Rows, ground: Floats, unit: float) -> tuple[Graphs, NDArr
 
     The position is the index of the row among the nodes of the finest level, from 0. `rows`: conductances in siemens;
     `ground` (n,): conductances to known voltages, in siemens; `unit`: conductance in siemens by which all are divided.
-    Rows are renumbered if the indices of neighbours differ much. A graph that cannot be coarsened is stored twice.
+    Rows are renumbered if the indices of most neighbours differ by more than a sixteenth of all rows. A graph that
+    cannot be coarsened is stored twice, so that there are at least two levels.
     """
     conductance = np.divide(rows.data, unit, out=np.empty(len(rows.data), np.float32), casting="same_kind")
     graph, number = Graph(rows.indptr, rows.indices, conductance, ground / unit), None

@@ -125,8 +125,9 @@ def _with_block_resistance(
 ) -> tuple[Edges, NDArray[np.float64]]:
     """Return conductances and leaks in series with the resistance inside blocks; ``edges.faces`` is modified in place.
 
-    Between the centres of two blocks lies half of either block's own resistance, in series with the conductance that
-    joins the blocks. A leak, the conductance to a rail, is in series with 0.15 times the block's resistance.
+    Between the centres of two blocks lies half of either block's own resistance along the axis that joins the blocks,
+    in series with the conductance between them. A leak, the conductance to a rail, is in series with 0.15 times the
+    smallest of the block's resistances along the axes. The factor 0.15 is empirical.
 
     `edges`: summed conductances between blocks; `leak` (2, slots): conductances to the rails, of red blocks in row 0
     and of black ones in row 1; `inner` (ndim, 2 slots): conductance inside every block along every axis, in the columns

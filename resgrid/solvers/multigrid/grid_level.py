@@ -25,7 +25,11 @@ BLOCK = 2048
 
 
 WEAK = 0.1
-"""Ratio of two conductances below which the smaller one is weak."""
+"""Fraction of a reference conductance below which a conductance is weak.
+
+Coarsening of a block compares a conductance with the strongest one at either end, the choice of axes to coarsen the
+mean conductance of an axis with that of the best axis, and `Level.uneven` the weakest with the strongest of a grid.
+"""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,6 +1,6 @@
 """The hierarchy of levels that preconditions conjugate gradients, and the equations as they are solved.
 
-Grids have levels of red-black grids, then graphs; netlists have graphs.
+The levels of a grid are red-black grids, and graphs from the coarsest grid on; the levels of a netlist are graphs.
 
 A grid is preconditioned on one thread or several, with bitwise equal results: the finest grids are divided into slabs
 (`resgrid.solvers.multigrid.sweeps`). Levels below are too small for the cost of synchronization.
@@ -42,6 +42,8 @@ The blocks of coarse levels then do not depend on the width of a border without 
 """
 
 _SMALL = 250
+"""Number of nodes of a grid below which coarsening continues with a graph."""
+
 _SHRINKAGE = 0.6
 """Ratio of the nodes of a coarse grid to those of the finer one above which coarsening continues with a graph."""
 
@@ -75,7 +77,8 @@ class Hierarchy:
 def build_hierarchy(laplacian: Laplacian, threads: ThreadTeam = SINGLE_THREAD) -> Hierarchy:
     """Return the multigrid hierarchy of a matrix; `threads`: share the work of coarsening a grid.
 
-    The matrix is coarsened to about 250 nodes; the coarsest matrix is inverted.
+    The matrix is coarsened to about 250 nodes, or until it does not shrink further; the coarsest matrix is inverted if
+    it has at most 2000 nodes.
     """
     laid_out = lay_out_grid(laplacian)
     if laid_out is not None:
@@ -99,7 +102,8 @@ def coarsen_grid(level: Level) -> tuple[list[Level], list[NDArray[np.int32]]]:
     The second list contains one array (slots,) per level: for every black node, by its index in arrays over the black
     nodes of this level, the position of the block on the next level that contains the node. A position is a red block's
     index in an array (coarse slots,), or the number of coarse slots plus a black block's index; 0 at an unused slot.
-    Coarsening by blocks ends when the grid has fewer than 250 nodes, or when too many blocks are disconnected.
+    Coarsening by blocks ends when the grid has fewer than 250 nodes, or so many disconnected blocks that the fraction
+    of extra nodes exceeds `_MOST_EXTRAS`.
     """
     levels, targets = [level], list[NDArray[np.int32]]()
     while True:
@@ -118,12 +122,15 @@ def coarsen_grid(level: Level) -> tuple[list[Level], list[NDArray[np.int32]]]:
 def _grid_levels(
     levels: list[Level], targets: list[NDArray[np.int32]], stencils: tuple[Stencil, Stencil]
 ) -> tuple[Finest, Levels] | None:
-    """Return the finest grid, and the coarse grids with the graphs below them; None if the grid does not shrink.
+    """Return the finest grid, and the coarse grids with the graphs of coarser levels; None if the grid does not shrink.
+
+    The coarsest grid of `levels` is stored as a graph, and coarsened further as a graph. If the finest grid is the only
+    one, its first coarse level is already a graph. Nodes of this first graph are counted from 1 in the results.
 
     `levels`: grids, finest first; `targets`: for every grid but the last, the position on the next grid of the block of
     every black node, shape (slots,), 0 for none: a red block's index in an array (coarse slots,), or the number of
-    coarse slots plus a black block's index; `stencils`: conductances of the finest grid in double and in single
-    precision.
+    coarse slots plus a black block's index (index 0 is unused in both, so that 0 is no block); `stencils`: conductances
+    of the finest grid in double and in single precision.
     """
     level = levels[0]
     graph, number = to_graph(levels[-1])

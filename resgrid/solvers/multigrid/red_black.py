@@ -27,6 +27,7 @@ RED, BLACK = cast(int, np.int64(0)), cast(int, np.int64(1))
 
 
 _PADDING = 16
+"""Number of unused entries at either end of an array over one colour, besides those within reach of a stride."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -51,10 +51,13 @@ to 0, as do `ELIMINATE` and `STEP`.
 
 @inner
 def sweep_black(level: Row, kind: int, slab: Slab) -> None:
-    """Eliminate, restrict or relax on one slab of a grid, without off-stencil couplings.
+    """Eliminate, restrict or relax on the black cells of one slab of a grid.
 
-    `level`: record of the grid; `kind`: `ELIMINATE`, `RESTRICT` or `RELAX`, which select the vectors of the record that
-    are read and written; `slab`: range of blocks of cells.
+    `ELIMINATE` writes the fields ``r`` and ``before`` of the record at black cells, `RELAX` writes ``z`` there, and
+    `RESTRICT` adds to ``below_rhs``, the next level's right-hand side. Red values are computed first, into ``w``.
+    Couplings (edges that cross no face) contribute to red cells only; `add_couplings` adds those at black cells
+    afterwards. `level`: record of the grid; `kind`: `ELIMINATE`, `RESTRICT` or `RELAX`; `slab`: range of blocks of
+    cells.
     """
     slots, ahead = level.slots, blocks_ahead(level)
     before, r, z = singles(level.before, slots), singles(level.r, slots), singles(level.z, slots)
@@ -218,11 +221,13 @@ def back_substitute(level: Row, slab: Slab) -> None:
 
 @inner
 def update_slots(level: Row, kind: int, slab: Slab) -> None:
-    """Prolong, combine or take a step on one slab, cell by cell (see the kinds of sweeps in this module).
+    """Prolong, combine or take a step on the black cells of one slab, cell by cell.
 
-    `level`: record of the grid; `kind`: `PROLONG`, `COMBINE` or `STEP`; `slab`: range of blocks of cells. For `STEP`,
-    the sums of squares of the residual before and after the step are written to the field ``sums`` of the record, per
-    block.
+    `PROLONG` adds the next level's solution to the vector ``before`` of the record. `COMBINE` sets ``before`` to the
+    weighted sum of both search directions ``c`` and ``z``. `STEP` subtracts the step times ``s`` from the residual
+    ``r``, copies ``z`` to ``c``, and sets ``before`` to ``r`` times the reciprocal diagonal; it also writes ``|r|^2``
+    before and after the step to ``sums``, per block. `level`: record of the grid; `kind`: `PROLONG`, `COMBINE` or
+    `STEP`; `slab`: range of blocks of cells.
     """
     slots, coefficients, sums = level.slots, doubles(level.coefficients, 2), doubles(level.sums, 3 * level.blocks)
     r, s, z, c = singles(level.r, slots), singles(level.s, slots), singles(level.z, slots), singles(level.c, slots)

@@ -32,7 +32,8 @@ class Agreement:
     verified : bool
         Whether the simulator ran the deck's own bytes (only the analyses are replaced) and returned an operating point.
     max_abs_error : float or None
-        Largest difference of a node's voltage, in volts; None if nothing could be compared.
+        Largest magnitude, over the nodes, of the difference between simulated and expected voltage, in volts; None if
+        nothing could be compared.
     max_relative_error : float or None
         ``max_abs_error`` relative to the supply (the largest voltage difference in the circuit).
     nodes : int

@@ -14,11 +14,14 @@ from resgrid.spice.circuit import CONDUCTING, SHOWN, Circuit, some
 from resgrid.spice.findings import Severity, Violation
 
 _MOST = 10
-"""Maximum number of floating components, and of contradictory loops, that are reported separately."""
+"""Maximum number of floating components, and of contradictory loops, that are reported separately.
+
+Further floating components are reported together; further contradictory loops are not reported.
+"""
 
 
 def ground(circuit: Circuit) -> Iterator[Violation]:
-    """Yield a violation, an error, if neither a resistor nor a voltage source touches ground."""
+    """Yield an error if no resistor, nonlinear resistor or voltage source touches ground."""
     if not any((circuit.ends[kind] == GROUND).any() for kind in CONDUCTING):
         yield Violation(
             "error",
@@ -32,8 +35,9 @@ def ground(circuit: Circuit) -> Iterator[Violation]:
 def islands(circuit: Circuit) -> Iterator[Violation]:
     """Yield a violation for each floating component, which no resistor or voltage source connects to ground.
 
-    The nodes of components beyond the 10 largest are reported as one violation.  For a netlist there are at most two
-    violations: nodes in components that a capacitor touches, and other nodes.
+    The violation is an error in a deck, and a warning for a netlist, because written decks omit floating nodes.  In a
+    deck, the nodes of components beyond the 10 with the most nodes are reported as one violation.  For a netlist there
+    are at most two violations: nodes in components that a capacitor touches, and other nodes.
     """
     floating = np.flatnonzero(circuit.is_floating)
     if not floating.size:
@@ -97,7 +101,7 @@ def _element_violation(
 
 
 def trapped_currents(circuit: Circuit) -> Iterator[Violation]:
-    """Yield a violation if current sources drive a floating component, from which no current can return."""
+    """Yield an error if current sources drive a floating component, from which no current can return."""
     trapped = circuit.trapped_sources
     if trapped.size:
         drive = "drives" if trapped.size == 1 else "drive"
@@ -170,7 +174,11 @@ def loop_voltages(
 
 
 def source_loops(circuit: Circuit) -> Iterator[Violation]:
-    """Yield violations for loops of voltage sources, inductors and resistors of 0 ohm, contradictory ones first."""
+    """Yield violations for loops of voltage sources, inductors and resistors of 0 ohm, contradictory ones first.
+
+    Contradictory loops are errors.  Other loops leave the currents around them undetermined: an error for voltage
+    sources in a deck, a warning for voltage sources in a netlist, for inductors and for resistors.
+    """
     loops = loops_of(circuit)
     for kind, number, volts in loops.contradictions[:_MOST]:
         names = circuit.names_of(circuit.ends[kind][number])
@@ -196,7 +204,10 @@ def source_loops(circuit: Circuit) -> Iterator[Violation]:
 
 
 def shorted(circuit: Circuit) -> Iterator[Violation]:
-    """Yield a violation per kind of element for elements with both ends at one node, which have no effect."""
+    """Yield a warning per kind of element if elements have both ends at one node, where they have no effect.
+
+    The kinds are resistor, current source and nonlinear resistor.
+    """
     for kind in ("resistor", "current source", "nonlinear resistor"):
         both = np.flatnonzero(circuit.ends[kind][:, 0] == circuit.ends[kind][:, 1])
         if both.size:
@@ -205,7 +216,10 @@ def shorted(circuit: Circuit) -> Iterator[Violation]:
 
 
 def dangling(circuit: Circuit) -> Iterator[Violation]:
-    """Yield a violation for the nodes at which only one element ends, so that the element carries no current."""
+    """Yield a note of severity "info" if at some nodes only one element ends, so that the element carries no current.
+
+    Floating nodes and ground do not count.
+    """
     loose = (circuit.degree == 1) & ~circuit.is_floating
     nodes = np.flatnonzero(loose[1:]) + 1  # ground may be touched once
     if nodes.size:

@@ -121,7 +121,11 @@ _LIMITS = (
 
 
 def limits(circuit: Circuit) -> Iterator[Violation]:
-    """Yield violations for resistances that a simulator cannot use or changes: negative, zero, infinite, extreme."""
+    """Yield at most one violation per rule for resistances that a simulator cannot use or changes.
+
+    Negative resistances, and resistances that are infinite or have an infinite reciprocal, are errors; 0 ohm is a
+    warning; resistances below `SMALLEST_SAFE` or above `LARGEST_SAFE` have the severity "info".
+    """
     for limit in _LIMITS:
         beyond = np.flatnonzero(limit.is_beyond(circuit.resistance))
         if beyond.size:
@@ -135,7 +139,7 @@ def limits(circuit: Circuit) -> Iterator[Violation]:
 
 
 def spread(circuit: Circuit) -> Iterator[Violation]:
-    """Yield a violation if the ratio of the largest to the smallest resistance exceeds `WIDEST_SPREAD`."""
+    """Yield a warning if the ratio of the largest to the smallest positive resistance exceeds `WIDEST_SPREAD`."""
     size = np.where(circuit.resistance > 0, circuit.resistance, np.nan)
     if np.isnan(size).all():
         return
@@ -212,7 +216,10 @@ _TRAPS = (
 
 
 def name_clashes(circuit: Circuit) -> Iterator[Violation]:
-    """Yield a violation per kind of element, and for nodes of a netlist, with names that are equal except for case."""
+    """Yield a violation for each kind of element, and for nodes of a netlist, if names are equal except for case.
+
+    The violation is an error in a deck, and a warning for a netlist, because written decks append numbers to the names.
+    """
     nodes = {} if circuit.is_deck else {"node": circuit.node_names}
     for kind, names in {**nodes, **circuit.element_names}.items():
         folded = [name.lower() for name in names]
@@ -265,7 +272,10 @@ def repeated_names(circuit: Circuit) -> tuple[Note, ...]:
 
 
 def misread_names(circuit: Circuit) -> Iterator[Violation]:
-    """Yield a violation for each class of node names that some simulator misreads, such as names with ``$``."""
+    """Yield a violation for each class of node names that some simulator misreads, such as names with ``$``.
+
+    The severity is "warning" or "info", as the class states (`_Trap`); written decks rename such nodes.
+    """
     if len(circuit.node_names) < 2:
         return
     text = "\n".join(name.replace("\n", " ") for name in circuit.node_names[1:])
@@ -291,7 +301,7 @@ def _simulators(trap: _Trap) -> str:
 
 
 def _notes(circuit: Circuit) -> Iterator[Violation]:
-    """Yield the notes of the deck reader (`Circuit.notes`) as violations of the rule "reading"."""
+    """Yield the notes of the deck reader (`Circuit.notes`) as violations of the rule "reading", of equal severity."""
     for note in circuit.notes:
         remedy = "check whether this is intended" if note.severity != "info" else "nothing to do"
         yield Violation(note.severity, "reading", note.place, note.text, remedy)

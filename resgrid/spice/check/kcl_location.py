@@ -13,6 +13,8 @@ from resgrid.spice.read.deck import read_with
 from resgrid.spice.write.sidecar import Expected
 
 _MAX_FINDINGS = 5
+"""Maximum number of messages of a test, in total and of each kind."""
+
 _OPTIONS = {"reltol", "abstol", "vntol"}
 _ROUNDING = 64 * np.finfo(np.float64).eps
 """Rounding error of a voltage difference that is allowed, as a fraction of the sum of both voltage magnitudes."""
@@ -58,7 +60,8 @@ def _by_line(text: str) -> str:
 def _wrong_sources(circuit: Circuit, voltage: NDArray[np.float64], allowed: float) -> list[str]:
     """Return messages about the voltage sources of a deck whose voltage differs from the expected one.
 
-    `voltage` (nodes,): expected node voltages, in volts; `allowed`: largest difference without a message, in volts.
+    `voltage` (nodes,): expected node voltages, in volts; `allowed`: magnitude of a difference, in volts, up to
+    which there is no message.
     """
     plus, minus = voltage[circuit.source_nodes].T
     error = np.abs(plus - minus - circuit.source_volts)

@@ -260,7 +260,10 @@ def _failing_loops(quirks: Quirks, case: _Case) -> list[int]:
 
 
 def _uncertainties(quirks: Quirks, case: _Case, resistance: NDArray[np.float64]) -> tuple[str, ...]:
-    """Return the reasons why a simulator's result is uncertain; `resistance` (m,): values that it uses, in ohms."""
+    """Return the reasons, as sentences, why a simulator's result is uncertain; empty if it is certain.
+
+    `resistance` (m,): resistances that the simulator uses, in ohms.
+    """
     uncertainties = _uncertain_spread(np.abs(case.deck.resistance)) or _cancellation(case.deck, np.abs(resistance))
     continues = quirks.loops == "fail at ground"
     for kind, numbers in (("inductors", case.loops.inductors), ("voltage sources", case.loops.sources)):
@@ -329,7 +332,7 @@ def _elements_on_title_line(deck: Circuit) -> list[str]:
 
 
 def _raised_resistances(quirks: Quirks, deck: Circuit) -> tuple[NDArray[np.float64], tuple[str, ...]]:
-    """Return the resistances (m,) in ohms that a simulator uses, and a tuple with a sentence if it raises some."""
+    """Return the resistances (m,) in ohms that a simulator uses, and a sentence in a tuple if it raises any, or ()."""
     resistance, _, _ = rebase(deck.resistance, deck.tc1, deck.tc2, deck.heating)
     least, size = quirks.smallest_resistance, np.abs(resistance)
     if least is None:

@@ -36,7 +36,7 @@ def reread(deck: Circuit, dialect: Dialect) -> Rereading:
     """Return the result of reading the file of a deck by the rules of a dialect.
 
     `deck`: circuit read from the file by the rules of its own dialect.  If that is `dialect`, or if the deck has no
-    file or large files, nothing is read and the result contains `deck` itself.
+    file or files of more than `_MOST_BYTES` bytes, nothing is read and the result contains `deck` itself.
     """
     if dialect.name == deck.dialect or deck.dialect not in DIALECTS:
         return Rereading(deck)
@@ -56,11 +56,11 @@ def reread(deck: Circuit, dialect: Dialect) -> Rereading:
 def first_difference(
     names: tuple[Circuit, Circuit], volts: tuple[NDArray[np.float64], NDArray[np.float64]]
 ) -> tuple[str, float] | None:
-    """Return the node with the largest voltage difference between two readings of a file, and the difference in volts.
+    """Return the node with the largest difference between its voltages in two readings of a file, and its magnitude.
 
-    `names`: the two circuits, for the node names; `volts` (nodes,) each: their node voltages.  The difference is
-    infinite for a node that only the first reading has.  Returns None if no such node exists and all differences are at
-    most 1e-9 of the largest voltage.
+    `names`: the two circuits, for the node names; `volts` (nodes,) each: their node voltages.  The magnitude, in
+    volts, is infinite for a node that only the first reading has.  Returns None if no such node exists and all
+    magnitudes are at most 1e-9 of the largest magnitude of a voltage in the first reading.
     """
     first, second = (
         {name.lower(): value for name, value in zip(circuit.node_names, found.tolist(), strict=True)}

@@ -15,7 +15,7 @@ from resgrid.errors import InputError
 from resgrid.spice.read.files import deck_bytes, decode, normalise
 
 NODATA = -9999.0
-"""Value that marks an empty cell in addition to the value in the raster's header (as in Circuitscape)."""
+"""Value that marks an empty cell, besides the value that the raster's header states, as in Circuitscape."""
 
 _ORIGIN = ("xllcorner", "yllcorner", "xllcenter", "yllcenter")
 _KEYS = frozenset(("ncols", "nrows", *_ORIGIN, "cellsize", "dx", "dy", "nodata_value", "nodata"))
@@ -32,11 +32,11 @@ _LIST = re.compile(r"\s*([-+.\deE]+[ \t,]+){2}[-+.\deE]+[ \t]*\n")
 
 @dataclass(frozen=True, eq=False)
 class Raster:
-    """Cells of a raster with their place.
+    """Values of the cells of a raster, with its place.
 
-    `cells` (rows, columns): values, top row first, NaN for an empty cell; `corner`: coordinates of the lower left
-    corner; `size`: width of a cell; `profile`: georeference of a GeoTIFF as keywords of `rasterio.open`, None for an
-    ASCII grid.
+    `cells` (rows, columns): values, top row first, NaN for an empty cell; `corner`: map coordinates (x, y) of the lower
+    left corner; `size`: width of a cell in these coordinates; `profile`: georeference of a GeoTIFF as keywords of
+    `rasterio.open`, None for an ASCII grid.
     """
 
     cells: NDArray[np.float64]

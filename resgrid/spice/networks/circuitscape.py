@@ -83,10 +83,11 @@ def read_circuitscape(
 def _values_of_cells(
     job: Configuration, amps: NDArray[np.float64], siemens: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return currents and conductances to ground after ``use_unit_currents`` and ``use_direct_grounds`` are applied.
+    """Return currents in A and conductances to ground in S after the keys that replace them are applied.
 
-    The first key replaces nonzero currents by 1 A, the second replaces positive conductances by infinity.  `job`: the
-    configuration; `amps, siemens`: values per cell or node, in A and S, of any shape; the results have the same shape.
+    ``use_unit_currents`` replaces nonzero currents by 1 A, ``use_direct_grounds`` positive conductances by infinity.
+    `job`: the configuration; `amps`, `siemens`: values per cell or node, in A and S, of any shape; the results have the
+    same shape.
     """
     if job.flag("use_unit_currents"):
         amps = (amps != 0).astype(np.float64)
@@ -96,9 +97,9 @@ def _values_of_cells(
 
 
 def _resolved(job: Configuration, network: Network) -> Network:
-    """Return `network` with ``remove_src_or_gnd`` applied, and without sources in components without a ground.
+    """Return a network with ``remove_src_or_gnd`` applied, and without sources in components without a ground.
 
-    `job`: the configuration.  Raises InputError if no ground remains, or for an unknown value of the key.
+    `job`: the configuration. Raises InputError if no ground remains, or for an unknown value of the key.
     """
     policy = job.text("remove_src_or_gnd")
     if policy not in _POLICIES:

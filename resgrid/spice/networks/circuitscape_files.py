@@ -25,7 +25,7 @@ from resgrid.spice.networks.configurations import Configuration
 from resgrid.spice.networks.geotiff import write_geotiff
 
 _DECIMALS = 8
-"""Number of decimals in ASCII grids."""
+"""Number of decimal places in ASCII grids."""
 
 
 @contextmanager
@@ -36,12 +36,12 @@ def output_files(
     conducting: NDArray[np.bool_] | None,
     shape: tuple[int, ...],
 ) -> Iterator[OutputFiles]:
-    """Yield the writer of a job's files, which appear together at the end of the block, and not after an error.
+    """Yield the writer of the output files of a Circuitscape job; at the end of the block all files appear together.
 
-    `output`: folder, None for that of the key ``output_file``; `habitat`: place of the cells, None for a network;
-    `conducting` (rows, columns): whether a cell conducts; `shape`: that of the currents, (rows, columns) or (nodes,).
-    Raises InputError if the key names a file outside the folder of the configuration, or in a folder that does not
-    exist.
+    After an error no file appears. `output`: folder of the files, None for that of the key ``output_file``; `habitat`:
+    raster whose format and georeference the maps get, None for a network; `conducting` (rows, columns): whether a cell
+    conducts; `shape`: shape of the currents, (rows, columns) or (nodes,). Raises InputError if the key names a file
+    outside the folder of the configuration, or in a folder that does not exist.
     """
     base = Path(job.base().replace("\\", "/"))
     place = job.folder / base if output is None else Path(output) / base.name
@@ -64,12 +64,12 @@ def output_files(
 
 @dataclass(eq=False)
 class OutputFiles:
-    """Writer of the files of a job, which also sums the current maps.
+    """Writer of the output files of a Circuitscape job, which also sums the currents of all solutions.
 
-    `job`: the configuration; `place`: base of the file names; `folder`: temporary folder of the files; `habitat`: place
-    of the cells, None for a network; `conducting` (rows, columns): whether a cell conducts; `written`: final names of
-    the files so far; `sums` (2, rows, columns) or (2, nodes): sum and maximum of the currents so far, None if no map is
-    requested.
+    `job`: the configuration; `place`: path with which the final names of the files begin; `folder`: temporary folder of
+    the files; `habitat`: raster whose format and georeference the maps get, None for a network; `conducting` (rows,
+    columns): whether a cell conducts; `written`: final names of the files written so far; `sums` (2, rows, columns) or
+    (2, nodes): sum and maximum of the currents so far, None if the configuration requests no current map.
     """
 
     job: Configuration
@@ -82,21 +82,25 @@ class OutputFiles:
 
     @property
     def wants_maps(self) -> bool:
-        """Whether voltages or currents of the solutions are needed."""
+        """Whether the job needs the voltages or currents of the solutions, and not only resistances."""
         keys = ("write_cur_maps", "write_volt_maps", "write_cum_cur_map_only", "write_max_cur_maps")
         return any(self.job.flag(key) for key in keys)
 
     def _new(self, end: str) -> Path:
-        """Record the file whose name ends with `end`, and return its path in the temporary folder."""
+        """Record a file whose name ends with `end` as written, and return its path in the temporary folder."""
         self.written.append(self.place.with_name(f"{self.place.name}_{end}"))
         return self.folder / self.written[-1].name
 
     def _file(self, end: str, text: str) -> None:
-        """Write a file of text; `end`: end of its name."""
+        """Write a text file; `end`: end of its name."""
         write_text(self._new(end), text)
 
     def write_resistances(self, points: NDArray[Any], resistance: NDArray[np.float64]) -> None:
-        """Write the resistances of `points` (k,): a matrix (k, k) also in three columns, or one column (k,)."""
+        """Write the files of resistances.
+
+        `points` (k,): numbers of the focal points; `resistance`: matrix (k, k) of pairs, also written with one pair per
+        line; or one value per point (k,).
+        """
         ids = points.astype(np.float64)
         if resistance.ndim == 1:
             self._file("resistances.out", table_text(np.stack([ids, resistance], axis=1), " "))
@@ -108,13 +112,16 @@ class OutputFiles:
         self._file("resistances_3columns.out", table_text(columns, " "))
 
     def _add(self, current: NDArray[np.float64]) -> None:
-        """Add the currents of one solution to the sum and the maximum, if maps are requested."""
+        """Add the currents of one solution to `sums`, if current maps are requested.
+
+        `current` (rows, columns) or (nodes,): in amperes.
+        """
         if self.sums is not None:
             self.sums[0] += current
             np.maximum(self.sums[1], current, out=self.sums[1])
 
     def write_maps(self, name: str, current: NDArray[np.float64], voltage: NDArray[np.float64]) -> None:
-        """Write the requested maps of one solution, and add its currents.
+        """Write the maps of one solution that the configuration requests, and add the currents to `sums`.
 
         `name`: end of the file names, such as ``_1_2``; `current`, `voltage` (rows, columns): in A and V.
         """
@@ -125,7 +132,7 @@ class OutputFiles:
             self._grid(f"voltmap{name}", voltage, of_current=False)
 
     def write_sums(self) -> None:
-        """Write the maps of the cumulative and of the largest current, if requested; a network has none."""
+        """Write the maps of the sum and of the maximum of all currents, if requested; a network has no such maps."""
         if self.sums is None or self.habitat is None:
             return
         total, largest = self.sums
@@ -135,7 +142,11 @@ class OutputFiles:
             self._grid("max_curmap", largest, of_current=True)
 
     def _grid(self, end: str, cells: NDArray[np.float64], *, of_current: bool) -> None:
-        """Write a map (rows, columns) in the format of the habitat, ASCII grid or GeoTIFF; `end`: end of the name."""
+        """Write a map in the format of the habitat raster, ASCII grid or GeoTIFF.
+
+        `end`: end of the file name; `cells` (rows, columns): values; `of_current`: whether the values are currents,
+        which may be written as logarithms, or else voltages.
+        """
         assert self.habitat is not None and self.conducting is not None
         if of_current and self.job.flag("log_transform_maps"):
             with np.errstate(divide="ignore"):
@@ -152,7 +163,7 @@ class OutputFiles:
         self, name: str, netlist: Netlist, voltage: NDArray[np.float64], node_current: NDArray[np.float64],
         resistor_current: NDArray[np.float64],
     ) -> None:  # fmt: skip
-        """Write the requested tables of one solution of a network, and add its node currents.
+        """Write the requested tables of one solution of a network, and add its node currents to `sums`.
 
         `name`: end of the file names; `voltage`, `node_current` (nodes,), `resistor_current` (resistors,): in V and A.
         Node 0 is the node ``ground``, which belongs to no network of Circuitscape unless it has elements.
@@ -170,9 +181,10 @@ class OutputFiles:
 
 
 def _branches(netlist: Netlist, ids: NDArray[np.float64], current: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the table of branch currents, (branches, 3): both numbers, the smaller one first, and the magnitude in A.
+    """Return the table of branch currents (branches, 3): numbers of both nodes, the smaller first, and magnitude in A.
 
-    `ids` (nodes,): number of every node; `current` (resistors,): in A.  Parallel resistors are one branch.
+    `ids` (nodes,): number of every node in the user's files; `current` (resistors,): in A. Parallel resistors are one
+    branch.
     """
     low, high = np.sort(ids[netlist.resistor_nodes], axis=1).T
     pairs, branch = np.unique(np.stack([high, low], axis=1), axis=0, return_inverse=True)
@@ -192,12 +204,15 @@ def number_text(value: float) -> str:
 
 
 def table_text(rows: NDArray[np.float64], separator: str = "\t") -> str:
-    """Return the text of a table of numbers, one line per row."""
+    """Return the text of a table of numbers; `rows` (n, columns): one line each; `separator`: text between numbers."""
     return "".join(separator.join(map(number_text, row)) + "\n" for row in rows.tolist())
 
 
 def grid_text(cells: NDArray[np.float64], place: Raster) -> str:
-    """Return the text of an ESRI ASCII grid; `cells` (rows, columns): values; `place`: corner and size of a cell."""
+    """Return the text of an ESRI ASCII grid.
+
+    `cells` (rows, columns): values; `place`: gives corner and size of a cell.
+    """
     rows, columns = cells.shape
     header = {
         "ncols": columns, "nrows": rows, "xllcorner": number_text(place.corner[0]),

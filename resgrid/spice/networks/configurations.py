@@ -74,10 +74,10 @@ _PLACEHOLDERS = ("", "None", "none")
 
 @dataclass(frozen=True, eq=False)
 class Configuration:
-    """The keys of one configuration file.
+    """The keys and values of one Circuitscape configuration.
 
     `path`: name of the file for messages; `folder`: folder of the file, to which file names are relative; `root`:
-    folder that must contain all files; `values`: texts of the values by key.
+    folder that must contain all files that the configuration names; `values`: texts of the values by key.
     """
 
     path: str
@@ -100,7 +100,7 @@ class Configuration:
         return _FLAGS[word]
 
     def measure(self, key: str) -> Measure:
-        """Return the quantity of the values in a raster or list, "resistance" or "conductance".
+        """Return the quantity of the values in a raster or list: "resistance" or "conductance".
 
         `key`: key of the configuration that is true if the values are resistances.
         """
@@ -129,7 +129,10 @@ class Configuration:
         return self.text("scenario").lower().replace("_", "-")
 
     def base(self) -> str:
-        """Return the base of the names of output files, without ``.out``; raise InputError if the key is missing."""
+        """Return the path with which the names of output files begin: that of the key ``output_file`` without ``.out``.
+
+        Raises InputError if the key is missing.
+        """
         name = self.text("output_file")
         if name in _PLACEHOLDERS or name == _DEFAULTS["output_file"]:
             raise InputError(f"{self.path}: the key 'output_file' is missing; name the base of the output files")

@@ -46,7 +46,7 @@ from resgrid.spice.networks.raster_networks import conductance_and_polygons
 from resgrid.spice.networks.rasters import read_raster
 
 _REFUSED = ("use_reclass_table", "compress_grids", "set_focal_node_currents_to_zero", "write_as_tif")
-"""Keys of Circuitscape that are rejected by name if they are true."""
+"""Keys of a configuration that raise InputError if they are true."""
 
 
 @frozen
@@ -177,7 +177,11 @@ def run_circuitscape(
 def _run_raster(
     job: Configuration, output: str | os.PathLike[str] | None, executor: Executor | None, progress: Count | None
 ) -> ConnectivityResult:
-    """Return the result of a raster job; the arguments are those of `run_circuitscape`."""
+    """Return the result of a raster job.
+
+    `job`: the configuration; `output`: folder of the files, None for that of the configuration; `executor`: workers
+    that share the solutions, or None; `progress`: called as ``progress(done, total)`` after every solution, or None.
+    """
     habitat = read_raster(job.file("habitat_file"))
     points = read_points(job.file("point_file"), habitat)
     if len(points.ids) < 2:
@@ -192,7 +196,12 @@ def _solve_raster(
     land: Landscape, allowed: NDArray[np.bool_], files: OutputFiles, executor: Executor | None,
     progress: Count | None,
 ) -> ConnectivityResult:  # fmt: skip
-    """Solve a raster job, write its files, and return its result; `allowed` (k, k): which pairs are measured."""
+    """Solve a raster job, write its files, and return its result.
+
+    `land`: cells and k focal points; `allowed` (k, k): mask of the pairs of focal points that are measured; `files`:
+    writer of the files; `executor`: workers, None for this process; `progress`: called as ``progress(done, total)``
+    after every solution, or None.
+    """
     job, points, count = land.job, land.points, len(land.points.ids)
     if job.scenario == "pairwise":
         pairs = _pairs_of(allowed)
@@ -217,7 +226,10 @@ def _solve_raster(
 def _finished(
     job: Configuration, points: NDArray[Any], resistance: NDArray[np.float64], files: OutputFiles
 ) -> ConnectivityResult:
-    """Write the last files of a job, and return its result."""
+    """Write the files of resistances and of summed currents of a job, and return its result.
+
+    `points`: numbers of the focal points; `resistance`: resistances in ohms; `files`: writer of the files.
+    """
     files.write_resistances(points, resistance)
     files.write_sums()
     total, largest = (None, None) if files.sums is None else files.sums
@@ -225,13 +237,20 @@ def _finished(
 
 
 def _pairs_of(allowed: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Return the pairs of points that are measured, the smaller index first; `allowed` (k, k): symmetric mask."""
+    """Return the pairs of indices of focal points that are measured, the smaller index first.
+
+    `allowed` (k, k): symmetric mask of pairs.
+    """
     first, second = np.nonzero(np.triu(allowed, 1))
     return list(zip(first.tolist(), second.tolist(), strict=True))
 
 
 def _matrix_of(count: int, pairs: list[tuple[int, int]], ohms: list[float]) -> NDArray[np.float64]:
-    """Return the symmetric matrix of the resistances of `pairs`, (count, count); -1 for all other pairs."""
+    """Return the symmetric matrix (count, count) of resistances in ohms, with -1 for pairs without a value.
+
+    `count`: number of focal points; `pairs`: measured pairs of indices; `ohms`: resistance of each pair. The diagonal
+    is 0.
+    """
     matrix = np.where(np.eye(count, dtype=np.bool_), 0.0, UNCONNECTED)
     for (i, j), value in zip(pairs, ohms, strict=True):
         matrix[i, j] = matrix[j, i] = value
@@ -241,7 +260,11 @@ def _matrix_of(count: int, pairs: list[tuple[int, int]], ohms: list[float]) -> N
 def _resistances_of(
     netlist: Netlist, pairs: list[tuple[int, int]], executor: Executor | None, progress: Count | None
 ) -> list[float]:
-    """Return the resistances of pairs of nodes, from one factorization; -1 without a connection or with a node -1."""
+    """Return the resistance in ohms of every pair of nodes, from one factorization.
+
+    It is -1 for nodes that are not connected, and for pairs with the node -1 (a focal point without a conducting cell).
+    `executor`: workers, None for this process; `progress`: called as ``progress(done, total)``, or None.
+    """
     within = [pair for pair in pairs if min(pair) >= 0]
     found = effective_resistance(netlist, within, executor=executor, progress=progress).resistance
     ohms = dict(zip(within, np.where(np.isfinite(found), found, UNCONNECTED).tolist(), strict=True))
@@ -252,10 +275,11 @@ def _solutions(
     land: Landscape, items: list[Any], make: Any, names: list[str], files: OutputFiles, executor: Executor | None,
     progress: Count | None,
 ) -> Iterator[float]:  # fmt: skip
-    """Solve all measurements, write their maps, and yield their resistances.
+    """Solve one circuit per item, write the maps of each, and yield its resistance in ohms, -1 without a connection.
 
-    `items`: arguments of the function `make`, which returns a `Measurement` of a landscape; `names`: ends of the names
-    of the maps.
+    `items`: pairs, or a focal point with the others; `make`: function that returns the `Measurement` of a landscape and
+    an item; `names`: ends of the names of the maps of each item; `executor`: workers, None for this process;
+    `progress`: called as ``progress(done, total)`` after every solution, or None.
     """
     for name, (flow, node) in zip(names, _flows(land, make, items, executor, progress), strict=True):
         assert node is not None
@@ -269,10 +293,11 @@ def _solutions(
 def _flows(
     shared: Any, make: Any, items: Sequence[Any], executor: Executor | None, progress: Count | None
 ) -> Iterator[tuple[Flow | None, NDArray[np.int64] | None]]:
-    """Yield the solution of every measurement, None without a connection, and the node of every cell (rasters only).
+    """Yield for each item the solution of its circuit, None without a connection, and the node of every cell.
 
-    `make`: function that returns the `Measurement` of `shared` (a landscape or a netlist) and an item; `items`: pairs,
-    or points.
+    `shared`: landscape or netlist; `make`: function that returns the `Measurement` of `shared` and an item; `items`:
+    pairs, or a focal point with the others; `executor`: workers, None for this process; `progress`: called as
+    ``progress(done, total)`` after every solution, or None. In a network job the node of every cell is None.
     """
     part = JobPart(_solve_items, (shared, make), items, "solutions")
     with closing(in_order([part], executor)) as results:
@@ -283,7 +308,7 @@ def _flows(
 
 
 def _on_cells(values: NDArray[np.float64], node: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return the value of every cell, (rows, columns), 0 without a node.
+    """Return the value of every cell, (rows, columns), 0 in cells without a node.
 
     `values` (nodes,): values of the nodes; `node` (rows, columns): node of every cell, -1 for none.
     """
@@ -291,20 +316,29 @@ def _on_cells(values: NDArray[np.float64], node: NDArray[np.int64]) -> NDArray[n
 
 
 def _solve_items(shared: tuple[Any, Any], items: Sequence[Any]) -> list[tuple[Flow | None, NDArray[np.int64] | None]]:
-    """Return the solutions of some measurements; the arguments and results are those of `_flows`."""
+    """Return for each item the solution of its circuit, None without a connection, and the node of every cell.
+
+    `shared`: a landscape or netlist, and the function that returns the `Measurement` of it and an item.
+    """
     place, make = shared
     return [(solve_measurement(measured), measured.node) for measured in (make(place, item) for item in items)]
 
 
 def _pair_measurement(land: Landscape, pair: tuple[int, int]) -> Measurement:
-    """Return the measurement of a pair: 1 A from the second point to the first."""
+    """Return the circuit, source and ground of a pair of focal points: 1 A flows from the second to the first.
+
+    `pair`: indices of the focal points.
+    """
     netlist, node = land.circuit(pair)
     first, second = (land.node_of(node, number) for number in pair)
     return Measurement(netlist, (second,), (1.0,), (first,), node)
 
 
 def _one_to_all(amps: NDArray[np.float64], land: Landscape, item: tuple[int, ...]) -> Measurement:
-    """Return the measurement from one point to others; `item`: the point and the others; `amps`: strengths in A."""
+    """Return the circuit in which the strength of one focal point flows to other points, which are at 0 V.
+
+    `amps` (k,): strengths of all points in A; `item`: index of the point, then indices of the other points.
+    """
     netlist, node = land.circuit(item)
     ends = [land.node_of(node, number) for number in item]
     grounds = tuple(sorted({end for end in ends[1:] if end >= 0 and end != ends[0]}))
@@ -312,7 +346,10 @@ def _one_to_all(amps: NDArray[np.float64], land: Landscape, item: tuple[int, ...
 
 
 def _all_to_one(amps: NDArray[np.float64], land: Landscape, item: tuple[int, ...]) -> Measurement:
-    """Return the measurement from others to one point; `item`: the point and the others; `amps`: strengths in A."""
+    """Return the circuit in which the strengths of other focal points flow to one point, which is at 0 V.
+
+    `amps` (k,): strengths of all points in A; `item`: index of the point at 0 V, then indices of the other points.
+    """
     netlist, node = land.circuit(item)
     ground = land.node_of(node, item[0])
     ends = [(land.node_of(node, number), float(amps[number])) for number in item[1:]]
@@ -325,7 +362,11 @@ def _all_to_one(amps: NDArray[np.float64], land: Landscape, item: tuple[int, ...
 def _run_network(
     job: Configuration, output: str | os.PathLike[str] | None, executor: Executor | None, progress: Count | None
 ) -> ConnectivityResult:
-    """Return the result of a pairwise network job; the arguments are those of `run_circuitscape`."""
+    """Return the result of a pairwise network job.
+
+    `job`: the configuration; `output`: folder of the files, None for that of the configuration; `executor`: workers
+    that share the solutions, or None; `progress`: called as ``progress(done, total)`` after every solution, or None.
+    """
     network = read_edges(job.file("habitat_file"), measure=job.measure("habitat_map_is_resistances"), absent_edges=True)
     netlist = Netlist(len(network.names), network.edges, network.conductance, node_names=tuple(network.names))
     ids = whole_numbers(job.file("point_file"), numbers_of(job.file("point_file"), 1).ravel())
@@ -353,5 +394,5 @@ def _run_network(
 
 
 def _between_nodes(netlist: Netlist, pair: tuple[int, int]) -> Measurement:
-    """Return the measurement of a pair of nodes: 1 A from the second node to the first."""
+    """Return the circuit, source and ground of a pair of nodes: 1 A flows from the second to the first."""
     return Measurement(netlist, (pair[1],), (1.0,), (pair[0],), None)

@@ -23,7 +23,10 @@ MEASURES = ("resistance", "conductance")
 
 _COMMENT = re.compile(r"[#%].*")
 _DECIMAL = re.compile(r"[-+]?(\d+\.\d*|\.\d+|\d+(?=[eE][-+]))([eE][-+]?\d{1,3})?", re.ASCII)
-"""Pattern of decimals in the form that programs print, ``1.000e+00`` or ``1e+06``; a node may be named ``1e5``."""
+"""Pattern of decimals in the form that programs print, ``1.000e+00`` or ``1e+06``.
+
+A word of this form that is an integer stands for the node with that number; ``1e5`` without a sign is itself a name.
+"""
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(nan|inf|infinity)", re.ASCII | re.IGNORECASE)
 _DIGITS = "+-.0123456789"
 _LONGEST = 20
@@ -34,7 +37,7 @@ _HEADINGS = {
     "resistance": re.compile(r"resistances?|ohms?"),
     "conductance": re.compile(r"conductances?|siemens"),
 }
-"""Patterns of the column headings that state a quantity, by the quantity."""
+"""Patterns of the words in a heading that state a quantity, by the name of the quantity."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,15 +16,15 @@ from resgrid.spice.networks.rasters import read_cells
 from resgrid.spice.read.files import read_text
 
 _MOST = 2.0**53
-"""Largest number up to which all whole numbers are floating-point numbers."""
+"""Largest whole number up to which double precision represents every whole number; larger numbers are rejected."""
 
 
 @dataclass(frozen=True, eq=False)
 class FocalPoints:
-    """Focal points or regions of a raster.
+    """Focal points of a Circuitscape raster job, each of one cell or of several cells (a region).
 
-    `ids` (k,): different numbers of the points, increasing; `cells`: for every point its flat cell indices, in column
-    order as in Circuitscape.
+    `ids` (k,): different numbers of the points, increasing; `cells`: for every point its flat cell indices (row times
+    number of columns plus column), sorted by column and then by row.
     """
 
     ids: NDArray[np.int64]
@@ -36,15 +36,16 @@ class FocalPoints:
         return any(len(cells) > 1 for cells in self.cells)
 
     def only(self, ids: NDArray[np.int64]) -> FocalPoints:
-        """Return the points whose numbers are among `ids`."""
+        """Return the focal points whose numbers are among `ids`."""
         kept = np.isin(self.ids, ids)
         return FocalPoints(self.ids[kept], tuple(cells for cells, keep in zip(self.cells, kept, strict=True) if keep))
 
 
 def numbers_of(path: Path, columns: int | None, *, skip: int = 0) -> NDArray[np.float64]:
-    """Return the numbers of a text file, (rows, columns); raise InputError with the line of another word.
+    """Return the numbers of a text file, (rows, columns); raise InputError, which names the line, for other words.
 
-    `columns`: number of numbers per line, None for that of the first line; `skip`: number of lines to leave out.
+    `path`: the file; `columns`: number of numbers per line, None for that of the first line; `skip`: number of lines at
+    the begin of the file that are left out.
     """
     rows: list[list[float]] = []
     for number, line in enumerate(read_text(path).split("\n")[skip:], skip + 1):
@@ -63,9 +64,9 @@ def numbers_of(path: Path, columns: int | None, *, skip: int = 0) -> NDArray[np.
 
 
 def whole_numbers(path: Path, values: NDArray[np.float64], kind: str = "focal point") -> NDArray[np.int64]:
-    """Return the values of a file as integers; raise InputError for a value that is not whole, or above 2**53.
+    """Return the values of a file as integers; raise InputError unless they are whole, with magnitudes up to 2**53.
 
-    `kind`: name of the numbered thing in the message.
+    `path`: the file; `values`: its numbers; `kind`: noun for the numbered objects in the message.
     """
     wrong = (values != np.rint(values)) | (np.abs(values) > _MOST)
     if wrong.any():
@@ -74,9 +75,10 @@ def whole_numbers(path: Path, values: NDArray[np.float64], kind: str = "focal po
 
 
 def read_points(path: Path, habitat: Raster) -> FocalPoints:
-    """Return the focal points of a raster, or of a list of lines ``number x y``; raise InputError for a wrong place.
+    """Return the focal points of a raster, or of a text file with lines ``number x y``.
 
-    A cell with the number 0 or less, or an empty one, is no focal point.
+    A cell that is empty or has the number 0 or less is no focal point. `habitat`: raster of the job. Raises InputError
+    for a point outside the habitat.
     """
     rows, columns = habitat.cells.shape
     if _is_raster(path):
@@ -106,10 +108,10 @@ def _is_raster(path: Path) -> bool:
 
 
 def allowed_pairs(job: Configuration, ids: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """Return the numbers of the points that take part, and which pairs of them are measured, (k, k).
+    """Return the numbers (k,) of the focal points that take part, and the mask (k, k) of the pairs that are measured.
 
-    `ids` (n,): numbers of all points.  A file of pairs drops the points that it does not name, also in the mode
-    ``exclude``.
+    `ids` (n,): numbers of all points. If the configuration names a file of pairs, points that are not in the file do
+    not take part, also in its mode ``exclude``.
     """
     if not job.flag("use_included_pairs"):
         return ids, ~np.eye(len(ids), dtype=np.bool_)
@@ -150,7 +152,11 @@ def allowed_pairs(job: Configuration, ids: NDArray[np.int64]) -> tuple[NDArray[n
 
 
 def strengths_of(job: Configuration, ids: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return the current of every focal point as a source in A, (k,); 1 A for points that the file does not name."""
+    """Return the current that each focal point injects as a source, in A, (k,).
+
+    It is 1 A for points that the file of strengths does not name, or without such a file. `ids` (k,): numbers of the
+    points.
+    """
     amps = np.ones(len(ids))
     if job.flag("use_variable_source_strengths"):
         for number, value in numbers_of(job.file("variable_source_file"), 2):

@@ -20,7 +20,7 @@ def is_geotiff(path: Path) -> bool:
 
 
 def _rasterio() -> Any:
-    """Return the module rasterio; raise ToolMissingError without it."""
+    """Return the module rasterio; raise ToolMissingError if it is not installed."""
     try:
         import rasterio
     except ImportError as error:
@@ -45,7 +45,10 @@ def read_geotiff(path: Path) -> Raster:
 
 
 def write_geotiff(path: Path, cells: NDArray[np.float64], raster: Raster) -> Path:
-    """Write cells (rows, columns) in single precision with the georeference of another raster; return the file."""
+    """Write cells (rows, columns) as a GeoTIFF in single precision; return its path.
+
+    `path`: path of the file; `raster`: raster whose georeference the file gets.
+    """
     rasterio = _rasterio()
     rows, columns = cells.shape
     with atomic_path(path) as temporary, rasterio.open(

@@ -17,10 +17,10 @@ from resgrid.spice.networks.raster_networks import links_between, number_cells
 
 @dataclass(frozen=True, eq=False)
 class Landscape:
-    """Conductances of the cells and focal points of a raster job.
+    """Conductances of the cells of a raster job, and its focal points.
 
-    `job`: the configuration; `conductance`, `polygon` (rows, columns): in S, and number of the short-circuit region, 0
-    for none; `points`: the focal points.
+    `job`: the configuration; `conductance` (rows, columns): in S, 0 for cells that do not conduct; `polygon` (rows,
+    columns): number of the short-circuit region of each cell, 0 for none; `points`: the focal points.
     """
 
     job: Configuration
@@ -29,21 +29,27 @@ class Landscape:
     points: FocalPoints
 
     def circuit(self, numbers: Iterable[int]) -> tuple[Netlist, NDArray[np.int64]]:
-        """Return the circuit in which polygons and some focal regions are single nodes, and the node of every cell.
+        """Return the circuit of the cells, and the node of every cell, (rows, columns), -1 for none.
 
-        `numbers`: indices of the focal points that are joined.  A region and the polygons that it overlaps are one
-        node.
+        Each short-circuit region and each given focal region is a single node; regions that overlap are one node
+        together. `numbers`: indices of the focal points whose regions are single nodes.
         """
         regions = [self.points.cells[number] for number in numbers if len(self.points.cells[number]) > 1]
         return self._joined(regions) if regions else self._without_regions
 
     @cached_property
     def _without_regions(self) -> tuple[Netlist, NDArray[np.int64]]:
-        """Circuit in which only polygons are single nodes, and the node of every cell."""
+        """Circuit in which only short-circuit regions are single nodes, and the node of every cell, -1 for none.
+
+        The nodes of the cells have the shape (rows, columns).
+        """
         return self._joined([])
 
     def _joined(self, regions: list[NDArray[np.int64]]) -> tuple[Netlist, NDArray[np.int64]]:
-        """Return the circuit in which polygons and `regions` (flat cell indices) are single nodes, and the node map."""
+        """Return the circuit of the cells, and the node of every cell, (rows, columns), -1 for none.
+
+        Short-circuit regions and `regions` are single nodes. `regions`: flat cell indices of each.
+        """
         labels = self.polygon.ravel().copy()
         for cells in regions:
             label, touched = labels.max() + 1.0, np.unique(labels[cells])
@@ -59,5 +65,8 @@ class Landscape:
         return Netlist(len(names), edges, siemens), node
 
     def node_of(self, node: NDArray[np.int64], number: int) -> int:
-        """Return the node of a focal point, -1 without a conducting cell; `node`: node of every cell."""
+        """Return the node of a focal point, -1 if its first cell does not conduct.
+
+        `node` (rows, columns): node of every cell; `number`: index of the focal point.
+        """
         return int(node.ravel()[self.points.cells[number][0]])

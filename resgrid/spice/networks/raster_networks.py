@@ -20,10 +20,11 @@ from resgrid.spice.networks.rasters import read_cells
 
 
 def conductance_and_polygons(job: Configuration, habitat: Raster) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the conductance of every cell in S, and the number of its polygon, (rows, columns) each; 0 for none.
+    """Return the conductance of every cell in S, and the number of its short-circuit region, (rows, columns) each.
 
-    `job`: the configuration; `habitat`: raster of its key ``habitat_file``.  Cells that the mask removes have no
-    conductance.  Raises InputError if no cell remains, or for a polygon whose number is not whole.
+    Both are 0 for none. `job`: the configuration; `habitat`: raster of its key ``habitat_file``. Cells that the mask of
+    the configuration removes have no conductance. Raises InputError if no cell remains, or for a short-circuit region
+    (polygon) whose number is not whole.
     """
     conductance = _habitat_conductance(job, habitat.cells)
     if job.flag("use_mask"):
@@ -68,8 +69,9 @@ def siemens_of(cells: NDArray[np.float64], measure: Measure) -> NDArray[np.float
 def number_cells(conductance: NDArray[np.float64], polygon: NDArray[np.float64]) -> tuple[NDArray[np.int64], list[str]]:
     """Return the node number of every cell, (rows, columns), -1 for none, and the names of the nodes, ground first.
 
-    A polygon with a conducting cell is one node, which its empty cells belong to.  `conductance` (rows, columns): in S,
-    0 for an empty cell; `polygon` (rows, columns): number of the cell's polygon, 0 for none.
+    A polygon (short-circuit region) with a conducting cell is one node, to which its empty cells also belong.
+    `conductance` (rows, columns): in S, 0 for an empty cell; `polygon` (rows, columns): number of the cell's polygon, 0
+    for none.
     """
     conducts = conductance > 0
     cell = np.arange(conductance.size).reshape(conductance.shape)

@@ -13,7 +13,7 @@ from resgrid.spice.networks.geotiff import is_geotiff, read_geotiff
 
 
 def read_raster(path: Path) -> Raster:
-    """Return a raster from an ESRI ASCII grid or a GeoTIFF; raise InputError for others and for a damaged file."""
+    """Return a raster from an ESRI ASCII grid or a GeoTIFF; raise InputError for other formats or a damaged file."""
     return read_geotiff(path) if is_geotiff(path) else read_ascii_grid(path)
 
 

@@ -16,6 +16,8 @@ RESISTOR_KINDS = frozenset({"r", "res", "resistor"})
 SWITCH_KINDS = frozenset({"sw", "vswitch"})
 
 _DEFAULT_LENGTH = 10e-6
+"""Length, and width, in metres, of a resistor for which neither its card nor its model states them."""
+
 _ALIASES = {
     "res": "r",
     "tc1r": "tc1",

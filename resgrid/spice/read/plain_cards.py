@@ -197,10 +197,14 @@ class PlainCards:
     ) -> tuple[int, int, int]:
         """Mark the next cards as `_OTHER` (not read in bulk), one for every bit in `pending`.
 
-        Returns the new `pending`, `at` and `last`. `cards`: line indices of the plain cards (lines ``name node node
-        value``); `pending`: properties (bits) of earlier lines that affect the next card; `at, stop`: range of indices
-        into `cards` of the cards before the next line with a property; `last`: index into `cards` of the last card that
-        stays plain, -1 for none.
+        Two bits concern two cards: a backslash may join the first card to the line before it, so that the card after a
+        command is then the second one. If fewer cards remain before `stop`, the returned `pending` contains the other
+        bits, for the cards after `stop`.
+
+        Returns the new `pending`, `at` and `last`; the new `at` is `stop`. `cards`: line indices of the plain cards
+        (lines ``name node node value``); `pending`: bits `_COMMAND` and `_BACKSLASH` of earlier lines that have not
+        marked a card yet; `at, stop`: range of indices into `cards` of the cards before the next line with a property;
+        `last`: index into `cards` of the last card before `at` that stays plain, -1 for none.
         """
         while pending and at < stop:
             pending &= ~(_BACKSLASH if pending & _BACKSLASH else _COMMAND)

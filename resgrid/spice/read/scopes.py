@@ -14,20 +14,20 @@ from resgrid.spice.read.expressions import ExpressionError, Lookup, ReservedName
 from resgrid.spice.read.numerals import parse_numeral
 
 MAX_CHAIN = 40
-"""Maximum length of a chain of parameters that each refer to one of a later line; other chains have no limit."""
+"""Maximum length of a chain of parameters that each refer to one of a later line (else CardError); others: no limit."""
 
 _MOST_NOTED = 5
 """Maximum number of warnings about parameters without a value, per scope (deck or instance of a subcircuit)."""
 
 MAX_CALLS = 10_000
-"""Maximum number of calls of the deck's functions during the evaluation of one value."""
+"""Maximum number of calls of the deck's functions during the evaluation of one value; more raise BudgetError."""
 
 
 @dataclass(frozen=True, eq=False)
 class Definition:
     """Definition of a parameter or function.
 
-    `card`: the card with the definition; `token`: the expression; `arguments`: names of a function's arguments.
+    `card`: the card with the definition; `token`: the expression; `arguments`: those of a function, () for a parameter.
     """
 
     card: Card
@@ -41,7 +41,7 @@ class Definition:
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """A ``.model`` card; `settings`: its ``key=value`` pairs; `block`: the deck or subcircuit with the card."""
+    """A ``.model`` card: name, kind and ``key=value`` pairs (`settings`); `block`: the deck or subcircuit with it."""
 
     name: str
     kind: str
@@ -190,8 +190,8 @@ class BuiltIns:
 class Scope:
     """Values of a block's parameters in one instance of the block.
 
-    `outer`: scope of the enclosing block, None for the deck; `given`: values that the instance passes, by name in lower
-    case; `built_ins`: reserved names of the dialect, by default those of `outer`.
+    `diagnostics`: receives errors; `outer`: scope of the enclosing block, None for the deck; `given`: values that the
+    instance passes, by name in lower case; `built_ins`: reserved names of the dialect, by default those of `outer`.
     """
 
     block: Block

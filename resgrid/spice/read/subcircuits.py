@@ -25,7 +25,7 @@ from resgrid.spice.read.temperature import refuse_temperature
 MAX_DEPTH = 50
 """Maximum nesting depth of subcircuits; deeper nesting is an error of the deck."""
 MAX_ELEMENTS = 20_000_000
-"""Maximum number of elements after the expansion of subcircuits, unless the caller of `read_spice` sets a limit."""
+"""Upper bound of the default limit on the number of elements after expansion; the caller's own limit may exceed it."""
 FREE_GROWTH, MAX_GROWTH = 500_000, 5000
 """Default limit of the number of elements after expansion: `FREE_GROWTH`, or `MAX_GROWTH` per card if that is more."""
 _OWN_MULTIPLIER = re.compile(r"^[^vs].*[\s,]m\s*=", re.IGNORECASE)

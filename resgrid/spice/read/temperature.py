@@ -11,8 +11,8 @@ from resgrid.spice.read.scopes import TemperatureUse
 def refuse_unsupported(card: Card, use: TemperatureUse, ohms: float | None) -> None:
     """Raise CardError if an expression uses the temperature in a way that the dialect's simulator cannot evaluate.
 
-    `card`: the card with the expression; `use`: record of its evaluation; `ohms`: its value if it is a resistance (at
-    which 0 fails), None for other values.
+    `card`: the card with the expression; `use`: record of its evaluation; `ohms`: its value if it is a resistance, None
+    for other values. A resistance of 0 ohm that depends on the temperature is also an error.
     """
     words = card.rules.words
     if not use.used or not words.temperature_in_values:

@@ -11,7 +11,10 @@ from resgrid.spice.read.cards import Card, Token
 from resgrid.spice.read.scopes import Scope
 
 _DELAYS = {"pulse": (2,), "sin": (3,), "sine": (3,), "exp": (2, 4), "pwl": (), "sffm": ()}
-"""Positions of the delays among the values of a waveform, counted from 0, by the name of each supported waveform."""
+"""Positions of the delay times among the values of a waveform, counted from 0, by the waveform's name in lower case.
+
+The tuple is empty for a waveform without delays among its values. Other waveforms are not supported.
+"""
 
 _OTHER_WAVEFORMS = frozenset(
     ("am", "trnoise", "trrandom", "external", "pat", "pattern", "prbs", "wavefile", "port", "lfsr", "trrand", "pwlz")

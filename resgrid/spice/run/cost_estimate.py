@@ -22,7 +22,7 @@ from resgrid.spice.circuit import CONDUCTING, Circuit
 from resgrid.spice.dialects import DIALECTS
 
 _FIRST_WITH_KLU = 42
-"""First version of ngspice that uses KLU."""
+"""First version of ngspice whose cost is that of KLU (a matrix package for circuits); the major version number."""
 _RANDOM_WIDTH = 0.117
 """Coefficient ``a`` of the upper limit ``a * k * n**(2/3)`` of the core's width in the cost model.
 

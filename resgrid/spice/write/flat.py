@@ -18,6 +18,7 @@ from resgrid.spice.dialects.record import Dialect
 from resgrid.spice.write.names import INITIALS, name_elements, name_nodes
 
 _MAX_TITLE = 200
+"""Maximum length of a deck's title, in characters; longer titles are cut."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -127,7 +127,7 @@ class _Blocks(BaseModel):
 
 
 class _Node(BaseModel):
-    """A node in a sidecar; `voltage`: expected voltage, in volts."""
+    """The entry of a node in a sidecar, of which only the expected `voltage`, in volts, is read."""
 
     voltage: FiniteFloat
 

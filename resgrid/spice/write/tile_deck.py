@@ -26,6 +26,7 @@ _BLOCKED = "{0}*(2-{0})*(3-{0})/2"
 _GOAL = "{0}*({0}-1)*(3-{0})/2"
 _DRIVEN = "{0}*({0}-1)*({0}-2)/6"
 _FREE = "(1-{0})*(2-{0})*(3-{0})/6"
+"""Formulas of a tile's state: 1 if the state is that of the name (free 0, blocked 1, goal 2, driven 3), otherwise 0."""
 
 
 def write_tiles(

@@ -50,13 +50,13 @@ class State(IntEnum):
 class Tiles:
     """A chip's circuit as an array of tiles; a tile is the circuit of one cell.
 
-    `ohms`: resistances of the switches in ohms, by their keys in a chip; `capacitance`: capacitance of every cell, in
-    farads; `amps`: current injected into every free tile, in amperes; `state` (cells,): `State` of every tile.  The
-    other arrays describe the resistors of the grid, shapes (n,): `cell`: flat index of the cell whose tile holds the
-    resistor; `beyond`: index of the neighbouring cell, -1 for the obstacle rail beyond the grid's edge; `axis`: axis of
-    the resistor; `upward`: whether it leads from the cell towards larger coordinates; `resistance`: in ohms; `wall`:
-    wall resistance at a contact with an obstacle, in ohms; `series`: total resistance in series with the resistor in
-    this scene, in ohms.
+    `netlist`: the chip's circuit; `ohms`: resistances of the switches in ohms, by their keys in a chip; `capacitance`:
+    capacitance of every cell, in farads; `amps`: current injected into every free tile, in amperes; `state` (cells,):
+    `State` of every tile. The other arrays describe the resistors of the grid, shapes (n,): `cell`: flat index of the
+    cell whose tile holds the resistor; `beyond`: index of the neighbouring cell, -1 for the obstacle rail beyond the
+    grid's edge; `axis`: axis of the resistor; `upward`: whether it leads from the cell towards larger coordinates;
+    `resistance`: in ohms; `wall`: wall resistance at a contact with an obstacle, in ohms; `series`: total resistance in
+    series with the resistor in this scene, in ohms.
     """
 
     netlist: Netlist
@@ -133,10 +133,10 @@ def tile_values(netlist: Netlist, chip: Chip) -> dict[str, float | None]:
 
 
 def difference_from_ideal(op: OperatingPoint) -> float | None:
-    """Return the largest voltage difference over all free cells between a chip and its ideal circuit, in volts.
+    """Return the largest magnitude of the voltage difference, in volts, between a chip and its ideal circuit.
 
-    The ideal circuit is that of the same space without switches and mismatch.  `op`: operating point of the chip.
-    Returns None if the ideal circuit has no operating point.
+    All free cells are compared.  The ideal circuit is that of the same space without switches and mismatch.
+    `op`: operating point of the chip.  Returns None if the ideal circuit has no operating point.
     """
     cells = op.netlist.cells
     ideal = compile_space(cells.space, cells.wiring)
