@@ -25,8 +25,8 @@ from resgrid.errors import InputError
 from resgrid.planning.blend import dirichlet_share
 from resgrid.planning.fields import Field
 from resgrid.planning.trace import streamline
-from resgrid.plot.fields import draw_shading
 from resgrid.plot.figures import PAGE, add_title, axes_or_new, caption_height, new_figure, panel_height
+from resgrid.plot.images import draw_shading
 from resgrid.plot.panels import draw_space
 from resgrid.plot.plane import draw_cells, draw_image, finish, paint, plane_of, seam_shifts, wrapped
 from resgrid.plot.shading import shading_of

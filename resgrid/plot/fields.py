@@ -10,9 +10,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
-from matplotlib.image import AxesImage
-from matplotlib.lines import Line2D
-from matplotlib.patches import Polygon
 from numpy.typing import NDArray
 
 from resgrid.core.cell import Cell
@@ -20,19 +17,16 @@ from resgrid.planning.any_field import FieldPath
 from resgrid.planning.fields import Field
 from resgrid.planning.lattice_fields import LatticeField
 from resgrid.plot.figures import PAGE, add_title, axes_or_new, figure_of, new_figure, panel_height
+from resgrid.plot.images import draw_shading
+from resgrid.plot.lattices import draw_lattice_field
 from resgrid.plot.panels import Panel, draw_panels
 from resgrid.plot.paths import end_of_first, mark_outcome, path_layer, require_paths
 from resgrid.plot.plane import (
-    MOST_CELLS,
-    PicturePlane,
-    block_means,
-    block_size,
     draw_cells,
-    draw_image,
     finish,
     plane_of,
 )
-from resgrid.plot.shading import Scale, Shading, add_border, fill_open_walls, no_drop, shading_of, span
+from resgrid.plot.shading import Scale, no_drop, shading_of, span
 from resgrid.plot.style import NO_DROP, TEXT, add_colour_bar, spanning, strength_map
 
 _ARROWS = 26
@@ -145,8 +139,6 @@ def draw_summary(
     """
     require_paths(paths, field.space)
     if isinstance(field, LatticeField):
-        from resgrid.plot.lattices import draw_lattice_field
-
         figure = figure_of(draw_lattice_field(field, scale=scale, paths=paths, k=k))
     elif field.space.ndim == 2:
         figure = _plane_page(field, paths, k, scale)
@@ -193,52 +185,6 @@ def draw_currents(field: Field, ax: Axes | None = None) -> Axes:
         add_colour_bar(quiver, axes, r"$\log_{10}(I\,R\,/\,\mathrm{supply})$, current $I$")
     finish(plane, axes)
     return axes
-
-
-def draw_shading(
-    plane: PicturePlane, shading: Shading, values: NDArray[np.float64], axes: Axes, *, contours: bool = True
-) -> AxesImage:
-    """Draw values of a field in a plane as an image, with equipotentials if `contours` is True; return the image.
-
-    `values` (plane.x.cells, plane.y.cells): potential or logarithm of the drop, NaN in cells without a value;
-    `shading`: colour scale and levels.
-    """
-    image = draw_image(
-        plane, values, axes, cmap=shading.colours, vmin=shading.lower, vmax=shading.upper,
-        zorder=0.5,
-    )  # fmt: skip
-    if contours:
-        _draw_contours(plane, shading, values, axes)
-    return image
-
-
-def _draw_contours(plane: PicturePlane, shading: Shading, values: NDArray[np.float64], axes: Axes) -> None:
-    """Draw the equipotentials of values per cell; for maps of more than 1024 cells a side, those of means over blocks.
-
-    `values` (plane.x.cells, plane.y.cells): potential or logarithm of the drop; `shading`: levels of the
-    equipotentials.
-    """
-    block = block_size(values.shape, MOST_CELLS)
-    coarse = block_means(values, block)
-    if shading.wall is None:
-        coarse = fill_open_walls(coarse)
-    coarse = add_border(coarse, shading.edge, shading.wall)
-    finite = coarse[np.isfinite(coarse)]
-    if not finite.size:
-        return
-    levels = shading.levels[(shading.levels > finite.min()) & (shading.levels < finite.max())]
-    if not levels.size:
-        return
-    index = np.stack(np.meshgrid(*(np.arange(n) for n in coarse.shape), indexing="ij"), axis=-1)
-    corner = np.array([plane.x.lower, plane.y.lower])
-    spacing = np.array([plane.x.spacing, plane.y.spacing])
-    where = plane.frame.to_world(corner + (index - 0.5) * block * spacing)
-    lines = axes.contour(
-        where[..., 0], where[..., 1], np.ma.masked_invalid(coarse), levels=levels, colors="black", alpha=0.55,
-        linewidths=0.5, linestyles="solid", zorder=1.5,
-    )  # fmt: skip
-    lines.set_clip_path(Polygon(plane.corners, transform=axes.transData))
-    axes.add_line(Line2D([], [], color="black", alpha=0.55, linewidth=0.5, label=shading.lines))
 
 
 class Arrows(NamedTuple):

@@ -19,7 +19,7 @@ from resgrid.core.netlist import Netlist
 from resgrid.errors import InputError
 from resgrid.planning.any_field import FieldPath
 from resgrid.planning.lattice_fields import LatticeField
-from resgrid.plot.fields import draw_shading
+from resgrid.plot.images import draw_shading
 from resgrid.plot.panels import Panel, draw_panels
 from resgrid.plot.paths import end_of_first, path_layer
 from resgrid.plot.plane import draw_image

@@ -35,9 +35,9 @@ The tool then stays within about 1e-9 m of the border of the region in the whole
 """
 
 _MAX_BOXES = 1 << 20
-"""Number of boxes, of all cells of a batch, above which the search in this batch ends, to limit time and memory.
+"""Number of boxes above which the search continues with one half of the cells after the other, to limit memory.
 
-Cells in which no solution was found until then are no goal cells.
+The search in a single cell ends at this number of boxes; the cell is then no goal cell.
 """
 
 
@@ -92,6 +92,44 @@ class _Tool:
     chain: tuple[int, ...]
 
 
+@dataclass(frozen=True, eq=False)
+class _Boxes:
+    """Boxes of configurations that may contain a solution.
+
+    `centre`, `half` (n, m): centres, and half the widths; `owner` (n,): index of the cell that contains each box;
+    `halvings`: number of halvings of a cell that gave these boxes.
+    """
+
+    centre: NDArray[np.float64]
+    half: NDArray[np.float64]
+    owner: NDArray[np.int64]
+    halvings: int
+
+    def of(self, chosen: NDArray[np.bool_]) -> _Boxes:
+        """Return the boxes of a mask (n,)."""
+        return _Boxes(self.centre[chosen], self.half[chosen].copy(), self.owner[chosen], self.halvings)
+
+    def halved(self, gain: NDArray[np.float64]) -> _Boxes:
+        """Return both halves of every box, cut along the joint with the largest `gain` (n, m)."""
+        row, joint = np.arange(len(self.centre)), np.argmax(gain, axis=1)
+        half = self.half.copy()
+        half[row, joint] /= 2
+        step = np.zeros_like(half)
+        step[row, joint] = half[row, joint]
+        centre = np.concatenate([self.centre - step, self.centre + step])
+        return _Boxes(centre, np.tile(half, (2, 1)), np.tile(self.owner, 2), self.halvings + 1)
+
+    def parts(self) -> list[_Boxes]:
+        """Return these boxes in parts of at most `_MAX_BOXES` boxes, of different cells; without cells with more."""
+        if len(self.owner) <= _MAX_BOXES:
+            return [self]
+        cells = np.unique(self.owner)
+        if len(cells) == 1:
+            return []
+        lower = self.owner < cells[len(cells) // 2]
+        return [*self.of(~lower).parts(), *self.of(lower).parts()]
+
+
 def tool_poses(tree: KinematicTree, tool: str, configurations: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return poses of a tool in the world (n, 4, 4) for configurations (n, m) in radians or metres.
 
@@ -108,7 +146,7 @@ def tool_goal_cells(tree: KinematicTree, tool: str, axes: Sequence[Axis], goal: 
 
     A cell is excluded only by bounds on the motion of the tool within it, so that every inverse-kinematics solution
     lies in a goal cell.  Exceptions are cells in which the tool stays within 1e-9 m of the border of the goal without
-    entering it, to within rounding errors, and cells without a solution when the search exceeds `_MAX_BOXES` boxes.
+    entering it, to within rounding errors, and cells in which more than `_MAX_BOXES` boxes stay undecided.
     `tool`: name of a link or frame; `axes`: axes of the configuration space, one per moving joint.
     """
     searched = _tool_of(tree, tool)
@@ -178,26 +216,21 @@ def _solve_cells(
     of the axes and widths of their cells.
     """
     low, high = lower + cells * spacing, lower + (cells + 1) * spacing
-    centre, half, owner = (low + high) / 2, (high - low) / 2, np.arange(len(cells))
     solution = np.full(low.shape, np.nan)
     nearest = np.inf
-    for _ in range(_HALVINGS):
-        end = _gauss_newton(tool, centre, centre - half, centre + half, goal)
+    stack = [_Boxes((low + high) / 2, (high - low) / 2, np.arange(len(cells)), 0)]
+    while stack:
+        boxes = stack.pop()
+        end = _gauss_newton(tool, boxes.centre, boxes.centre - boxes.half, boxes.centre + boxes.half, goal)
         distance, angle = _violations(tool, end, goal)
         nearest = min(nearest, float(distance.min(initial=np.inf)))
         solved = (distance <= _TOLERANCE) & (angle <= _TOLERANCE)
-        solution[owner[solved]] = np.clip(end[solved], low[owner[solved]], high[owner[solved]])
-        keep, gain = _possible(tool, centre, half, goal)
-        keep &= np.isnan(solution[owner, 0])
-        centre, half, owner, gain = centre[keep], half[keep].copy(), owner[keep], gain[keep]
-        if not 0 < len(centre) <= _MAX_BOXES:
-            break
-        row, joint = np.arange(len(centre)), np.argmax(gain, axis=1)
-        half[row, joint] /= 2
-        step = np.zeros_like(half)
-        step[row, joint] = half[row, joint]
-        centre, half = np.concatenate([centre - step, centre + step]), np.concatenate([half, half])
-        owner = np.concatenate([owner, owner])
+        owner = boxes.owner[solved]
+        solution[owner] = np.clip(end[solved], low[owner], high[owner])
+        keep, gain = _possible(tool, boxes.centre, boxes.half, goal)
+        keep &= np.isnan(solution[boxes.owner, 0])
+        if keep.any() and boxes.halvings + 1 < _HALVINGS:
+            stack += boxes.of(keep).halved(gain[keep]).parts()
     solved_cells = np.flatnonzero(~np.isnan(solution[:, 0]))
     return solved_cells, solution[solved_cells], nearest
 

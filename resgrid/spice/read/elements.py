@@ -23,7 +23,7 @@ from resgrid.spice.read.cards import (
 )
 from resgrid.spice.read.element_tables import Elements
 from resgrid.spice.read.models import RESISTOR_KINDS, SWITCH_KINDS, modelled_resistor, modelled_switch
-from resgrid.spice.read.nonlinear_resistors import read_nonlinear, refuse_memristor
+from resgrid.spice.read.nonlinear_resistors import read_nonlinear
 from resgrid.spice.read.scopes import Block, Model, Scope
 from resgrid.spice.read.temperature import refuse_dropped, refuse_temperature, refuse_unsupported
 from resgrid.spice.read.waveforms import SourceValue, source_value
@@ -99,7 +99,6 @@ def read_element(card: Card, letter: str, scope: Scope, elements: Elements) -> N
     elif letter == "k":
         scope.diagnostics.inform(card.spot(), "coupled inductors (K) have no effect at direct current")
     elif not read_nonlinear(card, scope, elements):
-        refuse_memristor(card)
         name = card.text.split()[0][:60]
         if letter not in REFUSED:
             raise card.error(0, f"{name!r} is neither a known element nor a known command")

@@ -19,10 +19,11 @@ _MEMRISTOR = re.compile(r"v\([^()]*\)/max\([-+.e\d]+-[-+.e\d]+\*v\(x[^()]*\),", 
 def read_nonlinear(card: Card, scope: Scope, elements: Elements) -> bool:
     """Add a nonlinear resistor ``I = current tanh(V / voltage)`` to `elements`; return whether the card describes one.
 
-    Only the form that resgrid writes is recognized.
+    Only the form that resgrid writes is recognized.  Raise InputError for a memristor.
     """
     match = _nonlinear_form(card.rules.name).fullmatch(card.text.strip())
     if match is None:
+        _refuse_memristor(card)
         return False
     shift = len(card.text) - len(card.text.lstrip())
     tokens = (Token("word", match[key], match.start(key) + shift) for key in ("current", "voltage"))
@@ -33,7 +34,7 @@ def read_nonlinear(card: Card, scope: Scope, elements: Elements) -> bool:
     return True
 
 
-def refuse_memristor(card: Card) -> None:
+def _refuse_memristor(card: Card) -> None:
     """Raise InputError if a card is a behavioural source of a memristor, in the form that resgrid writes."""
     if _MEMRISTOR.search(card.text):
         raise card.error(
