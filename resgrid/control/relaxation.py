@@ -9,12 +9,12 @@ late: a mode that decays as ``exp(-t / tau)`` takes ``step / (2 tau)`` longer, a
 default pace the error of potentials is about 2 % of the supply at the first reading and 0.4 % at the fourth.  Between
 readings the robot sees the last reading.
 
-Voltages are measured from the obstacle rail (Dirichlet, walls) or from the goal rail (Neumann).  The right-hand side is
-then nonnegative, and neither a Jacobi sweep nor a backward Euler step contains a subtraction.  Therefore a voltage
-keeps its relative accuracy far from the goals, and lies between those of the rails at all times.  Over-relaxation may
-overshoot and is clipped at the rail (projected SOR).  Hence no current ever flows into an obstacle, however far the
-grid is from settled, and a robot that follows the current avoids all obstacles of the map.  Before the grid has
-settled, cells without outward current (local minima) may exist.
+Voltages are measured from the obstacle rail (Dirichlet, walls, leaks) or from the goal rail (other Neumann circuits).
+The right-hand side is then nonnegative, and neither a Jacobi sweep nor a backward Euler step contains a subtraction.
+Therefore a voltage keeps its relative accuracy far from the goals, and lies between those of the rails at all times.
+Over-relaxation may overshoot and is clipped at the rail (projected SOR).  Hence no current ever flows into an obstacle,
+however far the grid is from settled, and a robot that follows the current avoids all obstacles of the map.  Before the
+grid has settled, cells without outward current (local minima) may exist.
 """
 
 from __future__ import annotations
