@@ -98,6 +98,7 @@ def describe(job: Job) -> dict[str, Any]:
         "boundary": scene.boundary,
         "drive": scene.drive,
         "edge": list(scene.edge),
+        "lattice": scene.lattice,
         "k": list(scene.k),
         **_cost(job),
     }
@@ -283,7 +284,8 @@ def _lines(data: dict[str, Any]) -> Iterable[str]:
     yield f"  goal          {data['goal_cells']:,}{regions}"
     yield f"  starts        {len(data['starts'])}"
     drive = f", drive {data['drive']}" if data["drive"] else ""
-    yield f"  boundary      {data['boundary']}{drive}, edge {', '.join(data['edge'])}"
+    lattice = "" if data["lattice"] == "square" else f", lattice {data['lattice']}"
+    yield f"  boundary      {data['boundary']}{drive}, edge {', '.join(data['edge'])}{lattice}"
     if data["memory_bytes"] is None:
         yield f"  no circuit    {data['no_circuit']}"
     else:
