@@ -1,4 +1,5 @@
 from resgrid.core.contact_derivatives import conductivity_gradient as conductivity_gradient
+
 from .batch import solve_many as solve_many
 from .driven_pairs import PairCurrents as PairCurrents, pair_currents as pair_currents
 from .effective_resistance import (

@@ -137,7 +137,8 @@ def gradient(
     Parameters
     ----------
     op : OperatingPoint
-        Operating point of the circuit.
+        Operating point of the circuit, with ``accuracy="direction"``; with ``"normwise"`` the derivatives are as
+        inaccurate as the differences of the voltages.
     of : {"voltage", "log_drop", "collision_probability", "path_cost"} or array_like of float, shape (nodes,)
         The quantity at the places `at`.
 
@@ -335,6 +336,8 @@ def _of_path_cost(op: OperatingPoint, seed: NDArray[np.float64], cost: ArrayLike
     cells = netlist.cells
     if netlist.nonlinear_nodes.size:
         raise InputError("a random walk needs linear resistors; use rg.circuit.linearize(op), and solve its result")
+    if cells.wiring.drive == "start":
+        raise InputError("a start-driven circuit absorbs walks at its start: compile it with drive = 'uniform'")
     rates = np.ones(cells.space.shape) if cost is None else np.array(real_numbers("cost", cost), dtype=np.float64)
     if rates.shape != cells.space.shape or not np.all((rates >= 0.0) & np.isfinite(rates)):
         raise InputError(

@@ -98,8 +98,9 @@ def space_of(shape: tuple[int, ...], periodic: bool = False, seed: int = 0) -> r
     [
         {"edge": "open"}, {"rails": "cells"}, {"boundary": "wall", "wall_resistance": 0.7, "rails": "cells"},
         {"boundary": "neumann"}, {"boundary": "wall", "wall_resistance": 3.0, "supply": -2.0, "goal_voltage": 0.5},
+        {"boundary": "neumann", "drive": "start"},
     ],
-    ids=["open", "cells", "wall", "neumann", "low obstacles"],
+    ids=["open", "cells", "wall", "neumann", "low obstacles", "start"],
 )  # fmt: skip
 def test_derivatives_with_respect_to_conductivities_equal_differences(
     shape: tuple[int, ...], periodic: bool, options: rg.WiringOptions
@@ -107,6 +108,8 @@ def test_derivatives_with_respect_to_conductivities_equal_differences(
     space = space_of(shape, periodic)
     if periodic:
         options = {**options, "edge": ["periodic", *["obstacle"] * (len(shape) - 1)]}
+    if options.get("drive") == "start":
+        options = {**options, "start": np.argwhere(space.goal_connected & (space.cell == rg.Cell.FREE))[-1].tolist()}
     netlist = rg.compile_space(space, resistance=1.0, **options)
     place = tuple(size // 2 - 1 for size in shape)
     found = rg.gradient(rg.solve(netlist), "voltage", at=place, cells=True)
@@ -233,6 +236,7 @@ def test_rejected_inputs_name_the_remedy() -> None:
     op = rg.solve(comb(4, 1.0))
     space = rg.ConfigurationSpace([rg.Axis("x", 0.0, 6.0, 6)], [2, 0, 0, 1, 0, 1])
     open_ = rg.solve(rg.compile_space(space, boundary="neumann"))
+    start = rg.solve(rg.compile_space(space, boundary="neumann", drive="start", start=(2,)))
     floating = rg.solve(rg.Netlist(4, [[1, 0], [2, 3]], [1.0, 1.0], source_nodes=[[1, 0]], source_volts=[1.0]))
     cases: list[tuple[str, object, object, dict[str, object]]] = [
         ("of = 'volts' must be 'voltage' or 'log_drop'", op, "volts", {"at": 3}),
@@ -249,6 +253,7 @@ def test_rejected_inputs_name_the_remedy() -> None:
         ("not compiled from a space", op, "path_cost", {"at": 3}),
         ("leave out cost, or choose of = 'path_cost'", op, "voltage", {"at": 3, "cost": [1.0]}),
         ("one finite number of at least 0 per cell", open_, "path_cost", {"at": (1,), "cells": True, "cost": [1.0]}),
+        ("a start-driven circuit absorbs walks", start, "path_cost", {"at": (1,), "cells": True}),
         ("method = 'fast' is unknown", op, "voltage", {"at": 3, "method": "fast"}),
         ("op = <a Netlist> must be an OperatingPoint", op.netlist, "voltage", {"at": 3}),
     ]  # fmt: skip
@@ -299,3 +304,48 @@ def test_the_chain_rule_needs_one_derivative_per_resistor() -> None:
         rg.circuit.conductivity_gradient(netlist, np.ones(3))
     with pytest.raises(rg.InputError, match="not compiled from a space"):
         rg.circuit.conductivity_gradient(comb(4, 1.0), np.ones(8))
+
+
+@pytest.mark.parametrize("siemens", [(1e-15, 1e15, 1e-15, 2e-15), (1e12, 1e-12, 1e12, 1e-12), (1.0, 1e-30, 1e30, 1.0)])
+def test_conductances_of_any_ratio_have_accurate_derivatives(siemens: tuple[float, ...]) -> None:
+    """A ladder whose currents are tiny differences of large ones."""
+    rng = np.random.default_rng(3)
+    pairs = [(1, 2), (2, 3), (3, 4), (4, 0), (2, 0), (3, 0), (1, 3), (2, 4)]
+    netlist = rg.Netlist(
+        5, pairs, np.resize(siemens, 8) * rng.uniform(0.5, 2, 8), source_nodes=[(1, 0)], source_volts=[1.0],
+        current_nodes=[(0, 3)], current_amps=[-0.3 * max(siemens)],
+    )  # fmt: skip
+    found, every = rg.gradient(rg.solve(netlist), "voltage", at=[2, 4], weights=[1.0, -1.0]), all_elements(netlist)
+    wanted = differences(netlist, lambda v: v[2] - v[4], every, 300)
+    assert largest_error(found, wanted, every, 300) < 1e-9
+
+
+def test_the_multigrid_method_gives_the_derivatives_of_the_direct_method() -> None:
+    space = space_of((60, 50))
+    op = rg.solve(rg.compile_space(space, resistance=1.0))
+    place = tuple(np.argwhere(space.goal_connected & (space.cell == rg.Cell.FREE))[-1].tolist())
+    direct, multigrid = (
+        rg.gradient(op, "log_drop", at=place, cells=True, method=method) for method in ("direct", "multigrid")
+    )
+    largest = np.abs(direct.conductance).max()
+    np.testing.assert_allclose(multigrid.conductance, direct.conductance, rtol=1e-6, atol=1e-12 * largest)
+
+
+def test_places_are_nodes_names_masks_and_cells() -> None:
+    netlist = rg.compile_space(space_of((5, 4)))
+    op, node = rg.solve(netlist), netlist.cells.node
+    mask = np.zeros((5, 4), dtype=bool)
+    mask[1, 1] = mask[3, 2] = True
+    wanted = rg.gradient(op, "voltage", at=[int(node[1, 1]), int(node[3, 2])])
+    others = [
+        rg.gradient(op, "voltage", at=netlist.names_of(node[[1, 3], [1, 2]])),
+        rg.gradient(op, "voltage", at=np.isin(np.arange(netlist.node_count), node[mask])),
+        rg.gradient(op, "voltage", at=[(1, 1), (3, 2)], cells=True),
+        rg.gradient(op, "voltage", at=np.array([[1, 1], [3, 2]]), cells=True),
+        rg.gradient(op, "voltage", at=mask, cells=True),
+        rg.gradient(op, "voltage", at=(int(node[1, 1]), int(node[3, 2]))),
+        rg.gradient(op, "voltage", at=[(1, 1), (3, 2), (1, 1)], weights=[3.0, 1.0, -2.0], cells=True),
+    ]
+    for other in others:
+        assert other.value == pytest.approx(wanted.value, rel=1e-15)
+        np.testing.assert_allclose(other.conductance, wanted.conductance, rtol=1e-12)
