@@ -349,3 +349,18 @@ def test_places_are_nodes_names_masks_and_cells() -> None:
     for other in others:
         assert other.value == pytest.approx(wanted.value, rel=1e-15)
         np.testing.assert_allclose(other.conductance, wanted.conductance, rtol=1e-12)
+
+
+def test_weights_of_both_signs_give_the_difference_of_two_gradients() -> None:
+    space = space_of((160, 150), seed=1)
+    op = rg.solve(rg.compile_space(space, resistance=1.0))
+    assert op.netlist.node_count > 20_000
+    rng = np.random.default_rng(0)
+    nodes = rng.choice(op.netlist.cells.free_node[space.goal_connected[space.cell == rg.Cell.FREE]], 40)
+    seed = np.zeros(op.netlist.node_count)
+    seed[nodes] = rng.normal(size=40)
+    both, rising, falling = (
+        rg.circuit.pullback(op, log_drop=part) for part in (seed, np.maximum(seed, 0), np.maximum(-seed, 0))
+    )
+    wanted = rising.conductance - falling.conductance
+    np.testing.assert_allclose(both.conductance, wanted, rtol=1e-7, atol=1e-9 * np.abs(wanted).max())
