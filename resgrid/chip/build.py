@@ -198,17 +198,19 @@ def chip_with(chip: Chip, values: Mapping[str, Any]) -> Chip:
     return dataclasses.replace(chip, **own, **inner)
 
 
-def described(chip: Chip, shape: Sequence[int], boundary: str) -> list[tuple[str, str, str]]:
+def described(chip: Chip, shape: Sequence[int], boundary: str, leak: float = 0.0) -> list[tuple[str, str, str]]:
     """Return rows of text (key, value with unit, meaning) on the grid of a chip and on every key that is set.
 
     `chip`: chip description; `shape`: number of cells along each axis; `boundary`: ``"dirichlet"``, ``"neumann"`` or
-    ``"wall"``.
+    ``"wall"``; `leak`: leak of the free cells, in 1 / (unit of the axes)^2.
     """
     meaning = {"dirichlet": "are a rail", "neumann": "are open", "wall": "are a rail with a series resistance"}[
         boundary
     ]
     size = f"{' x '.join(map(str, shape))} cells"
     rows = [("grid", size, "one node each"), ("boundary", boundary, f"obstacles {meaning}")]
+    if leak:
+        rows.append(("leak", f"{leak:g}", "of every free cell to the obstacle rail, in 1 / (unit of the axes)^2"))
     about = described_keys(Chip)
     values = chip_keys(chip.with_process()) | {"process": chip.process, "corner": chip.corner}
     if values["sheet_resistance"] is None:

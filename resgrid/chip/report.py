@@ -176,7 +176,7 @@ def _by_boundary(chip: Study) -> dict[str, ADCResolution]:
         if boundary in results or (boundary == "wall" and not walled):
             continue
         try:
-            other = study(cells.space, chip.chip, boundary=boundary, edge=cells.wiring.edge)
+            other = study(cells.space, chip.chip, boundary=boundary, edge=cells.wiring.edge, leak=cells.wiring.leak)
             results[boundary] = other.adc_resolution(span=chip.span)
         except CircuitError:  # no drive at this boundary
             continue

@@ -102,11 +102,13 @@ class StudyInputs:
     def parameters(self) -> list[tuple[str, str, str]]:
         """Rows (key, value with unit, meaning) on the grid, the boundary and every set key of the chip description."""
         cells = self.ideal.cells
-        return described(self.description, cells.space.shape, cells.wiring.boundary)
+        return described(self.description, cells.space.shape, cells.wiring.boundary, cells.wiring.leak)
 
     def __repr__(self) -> str:
         cells = self.ideal.cell_map
-        shape = "" if cells is None else f"{' x '.join(map(str, cells.space.shape))} cells, {cells.wiring.boundary}, "
+        leak = f", leak {cells.wiring.leak:g}" if cells is not None and cells.wiring.leak else ""
+        size = "" if cells is None else " x ".join(map(str, cells.space.shape))
+        shape = "" if cells is None else f"{size} cells, {cells.wiring.boundary}{leak}, "
         return f"{type(self).__name__}({self.title}: {shape}{self.netlist.node_count} nodes)"
 
     def _repr_html_(self) -> str:

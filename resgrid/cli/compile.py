@@ -140,4 +140,5 @@ def write_deck(
 
 
 def _title(job: Job, name: str) -> str | None:
-    return f"{job.scene.title}, {name.replace('_', ' ')}" if job.scene.title else None
+    leak = f", leak {job.scene.leak:g}" if job.scene.leak else ""
+    return f"{job.scene.title}, {name.replace('_', ' ')}{leak}" if job.scene.title else None

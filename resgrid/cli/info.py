@@ -97,6 +97,7 @@ def describe(job: Job) -> dict[str, Any]:
         "starts": [list(start) for start in scene.starts],
         "boundary": scene.boundary,
         "drive": scene.drive,
+        "leak": scene.leak,
         "edge": list(scene.edge),
         "k": list(scene.k),
         **_cost(job),
@@ -282,7 +283,7 @@ def _lines(data: dict[str, Any]) -> Iterable[str]:
     regions = f" in {counted(data['goals'], 'region')}" if data["goals"] else ""
     yield f"  goal          {data['goal_cells']:,}{regions}"
     yield f"  starts        {len(data['starts'])}"
-    drive = f", drive {data['drive']}" if data["drive"] else ""
+    drive = f", drive {data['drive']}" if data["drive"] else f", leak {data['leak']:g}" if data["leak"] else ""
     yield f"  boundary      {data['boundary']}{drive}, edge {', '.join(data['edge'])}"
     if data["memory_bytes"] is None:
         yield f"  no circuit    {data['no_circuit']}"

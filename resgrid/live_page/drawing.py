@@ -48,8 +48,9 @@ class Drawing:
     resistance in ohms, 0 for no wall; `leak`: leak to the obstacle rail, in 1 / (unit of the axes)^2; `driven`: whether
     every start drives a circuit of its own, with open obstacles (the page shows the field of the first); `chip`: keys
     and values of the ``[chip]`` table of the scene; `world`: for an arm, the document (keys and tables) of its scene,
-    with the workspace from which the cells are computed, else None; `broken`: open resistors, as cell (i, j) and axis, for the resistor at the cell's lower face across the axis;
-    `goal_points`: configurations that solve the goal, as flat index of the cell in C order and point in axis units.
+    with the workspace from which the cells are computed, else None; `broken`: open resistors, as cell (i, j) and axis,
+    for the resistor at the cell's lower face across the axis; `goal_points`: configurations that solve the goal, as
+    flat index of the cell in C order and point in axis units.
     """
 
     title: str

@@ -85,8 +85,8 @@ class Field:
     safe: NDArray[np.bool_] | None = None
 
     def __repr__(self) -> str:
-        cells = " x ".join(map(str, self.space.shape))
-        drive = f", driven by {self.wiring.drive}" if self.wiring.drive else ""
+        wiring, cells = self.wiring, " x ".join(map(str, self.space.shape))
+        drive = f", driven by {wiring.drive}" if wiring.drive else f", leak {wiring.leak:g}" if wiring.leak else ""
         return f"<Field on {cells} cells: {self.boundary}{drive}, k = {self.k:g}>"
 
     _repr_html_ = picture_html

@@ -104,7 +104,7 @@ def _potential_label(field: Field) -> str:
         return rf"potential $\phi$ of the blend, $k$ = {field.k:g}"
     if field.wiring.drive == "uniform":
         return r"$\phi$: height above the goal rail, scaled to 1"
-    high = "start" if field.wiring.drive == "start" else "obstacles"
+    high = "start" if field.wiring.drive == "start" else "obstacle rail" if field.wiring.is_open else "obstacles"
     return rf"potential $\phi$ (1: {high}, 0: goals)"
 
 

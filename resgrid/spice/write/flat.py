@@ -310,6 +310,8 @@ def _one_line_title(netlist: Netlist, title: str | None) -> str:
     """
     if title is None and netlist.cell_map is not None:
         cells = " x ".join(str(cells) for cells in netlist.cell_map.space.shape)
+        leak = netlist.cell_map.wiring.leak
         title = f"resistor grid of {cells} cells, {netlist.cell_map.wiring.boundary} boundary"
+        title += f", leak {leak:g}" if leak else ""
     words = " ".join((title or "").split())
     return "".join(letter if " " <= letter <= "~" else "?" for letter in words)[:_MAX_TITLE] or "resistor netlist"
