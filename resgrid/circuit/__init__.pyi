@@ -1,5 +1,6 @@
 from resgrid.core.contact_derivatives import conductivity_gradient as conductivity_gradient
 
+from .adjoint_gradient import Gradient as Gradient
 from .batch import solve_many as solve_many
 from .driven_pairs import PairCurrents as PairCurrents, pair_currents as pair_currents
 from .effective_resistance import (
@@ -7,7 +8,7 @@ from .effective_resistance import (
     ReducedNetwork as ReducedNetwork,
     reduce_network as reduce_network,
 )
-from .gradients import Gradient as Gradient, pullback as pullback
+from .gradients import pullback as pullback
 from .jax_solver import jax_solver as jax_solver
 from .linear import CircuitFactor as CircuitFactor
 from .nonlinear import linearize as linearize

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 from support.fractions_solver import solve_exactly
-from support.mpmath_circuits import all_elements, comb, differences, largest_error
+from support.mpmath_circuits import all_elements, comb, differences, largest_error, node_voltages
 
 import resgrid as rg
 
@@ -263,7 +263,7 @@ def test_rejected_inputs_name_the_remedy() -> None:
 
 
 @pytest.mark.parametrize("leak", [0.0, 1e-3, 40.0])
-@pytest.mark.parametrize("of", ["voltage", "log_drop", "path_cost"])
+@pytest.mark.parametrize("of", ["voltage", "log_drop", "path_cost", "path_cost_given_success"])
 @pytest.mark.parametrize("options", [{}, {"rails": "cells", "supply": -3.0}, {"boundary": "neumann"}], ids=str)
 def test_derivatives_with_respect_to_leaks_equal_differences(leak: float, of: str, options: rg.WiringOptions) -> None:
     space, place = space_of((5, 4)), (1, 1)
@@ -276,7 +276,7 @@ def test_derivatives_with_respect_to_leaks_equal_differences(leak: float, of: st
         netlist = rg.compile_space(space, resistance=7.0, leak=leak, **options)
         return rg.gradient(rg.solve(netlist), of, at=place, cells=True)  # type: ignore[arg-type]
 
-    step = 1e-4 * (leak or 1.0)
+    step = 1e-2 * leak or 1e-4
     values = [found(leak + factor * step).value for factor in ((0, 1, 2, 3) if leak == 0 else (-2, -1, 1, 2))]
     stencil = (-11 / 6, 3, -3 / 2, 1 / 3) if leak == 0 else (1 / 12, -2 / 3, 2 / 3, -1 / 12)
     here = found(leak).leak
@@ -364,3 +364,54 @@ def test_weights_of_both_signs_give_the_difference_of_two_gradients() -> None:
     )
     wanted = rising.conductance - falling.conductance
     np.testing.assert_allclose(both.conductance, wanted, rtol=1e-7, atol=1e-9 * np.abs(wanted).max())
+
+
+@pytest.mark.parametrize("options", [{"edge": "open"}, {"boundary": "wall", "wall_resistance": 2.0, "supply": -3.0}])
+def test_path_costs_given_success_equal_conditional_times_and_their_differences(options: rg.WiringOptions) -> None:
+    space = space_of((5, 5))
+    netlist = rg.compile_space(space, resistance=3.0, **options)
+    op, places = rg.solve(netlist), [(2, 2), (1, 1)]
+    times = rg.planning.collision_probability(netlist).time_given_success
+    plain = rg.gradient(op, "path_cost_given_success", at=places, weights=[2.0, -0.5], cells=True)
+    assert plain.value == pytest.approx(2 * times[places[0]] - 0.5 * times[places[1]], rel=1e-12)
+    cost = np.random.default_rng(1).uniform(0, 1, space.shape)
+    found = rg.gradient(op, "path_cost_given_success", at=places, weights=[2.0, -0.5], cost=cost, cells=True)
+    assert plain.cost is not None and found.value == pytest.approx(np.sum(cost * plain.cost), rel=1e-12)
+    free, node = netlist.cells.free_node, netlist.cells.node
+    walked = netlist.replace(current_nodes=np.stack([0 * free, free], 1), current_amps=np.zeros(free.size))
+    amps = cost.ravel()[netlist.cell_of_node()[free]] / 3.0
+    high, low = netlist.cells.wiring.high, netlist.cells.wiring.goal_voltage
+
+    def expected(conductance: list[object]) -> object:
+        volts = node_voltages(netlist, conductance, netlist.source_volts.tolist(), [])
+        u = [(high - v) / mp.mpf(high - low) for v in volts]
+        drive = [u[n] * mp.mpf(float(a)) for n, a in zip(free.tolist(), amps, strict=True)]
+        paid = node_voltages(walked, conductance, [0] * len(netlist.source_volts), drive)
+        return sum(w * paid[n] / u[n] for w, n in zip((2, mp.mpf(-0.5)), (int(node[p]) for p in places), strict=True))
+
+    with mp.workdps(50):
+        for k in range(0, len(netlist.conductance), 5):
+            ends = []
+            for sign in (1, -1):
+                changed = [mp.mpf(float(g)) for g in netlist.conductance]
+                changed[k] *= 1 + sign * mp.mpf(10) ** -17
+                ends.append(expected(changed))
+            wanted = (ends[0] - ends[1]) / (2 * mp.mpf(10) ** -17 * mp.mpf(float(netlist.conductance[k])))
+            assert found.conductance[k] == pytest.approx(float(wanted), rel=1e-10, abs=1e-14)
+
+
+def test_path_costs_of_deep_corridors_have_degree_minus_one() -> None:
+    cell = np.ones((3, 300), dtype=np.uint8)
+    cell[1, 1:], cell[1, 0] = rg.Cell.FREE, rg.Cell.GOAL
+    axes = [rg.Axis("x", 0, 3, 3), rg.Axis("y", 0, 300, 300)]
+    space = rg.ConfigurationSpace(axes, cell, np.random.default_rng(0).uniform(0.5, 2, cell.shape))
+    op, place = rg.solve(rg.compile_space(space)), (1, 299)
+    assert op.log_drop is not None and op.log_drop[op.netlist.cells.node[place]] < -380
+    found = rg.gradient(op, "path_cost_given_success", at=place, cells=True)
+    walk = rg.planning.collision_probability(op)
+    assert found.value == pytest.approx(walk.time_given_success[place], rel=1e-10)
+    assert found.conductance @ op.netlist.conductance == pytest.approx(-found.value, rel=1e-10)
+    assert found.leak is not None and found.leak.sum() < 0  # minus the variance of the time: fast walks survive
+    drop = rg.gradient(op, "log_drop", at=place, cells=True)
+    assert drop.leak is not None
+    np.testing.assert_allclose(found.cost, -drop.leak, rtol=1e-9)  # both are the expected times in the cells
