@@ -39,7 +39,8 @@ def gradient(
 ) -> Gradient:
     """Differentiate a quantity of a circuit with respect to its conductances, conductivities and sources.
 
-    One factorization and one adjoint solve give the derivatives with respect to all elements.
+    One factorization and one adjoint solve give the derivatives with respect to all elements.  Path costs need one more
+    solve with the same factors, or two for ``"path_cost_given_success"``.
 
     Parameters
     ----------
@@ -99,8 +100,8 @@ def gradient(
     """
     check_method(method)
     if not isinstance(of, str):
-        if at is not None or weights is not None:
-            raise InputError("an array of node weights leaves no choice of places; leave out at and weights")
+        if not (at is None and weights is None and cost is None):
+            raise InputError("an array of node weights leaves no choice of places; leave out at, weights and cost")
         return pullback(op, voltage=of, method=method)
     if cost is not None and not of.startswith("path_cost"):
         raise InputError(f"of = {of!r} has no cost of cells; leave out cost, or choose of = 'path_cost'")
