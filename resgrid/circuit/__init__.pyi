@@ -7,7 +7,7 @@ from .effective_resistance import (
     ReducedNetwork as ReducedNetwork,
     reduce_network as reduce_network,
 )
-from .gradients import Gradient as Gradient, pullback as pullback
+from .gradients import pullback as pullback
 from .jax_solver import jax_solver as jax_solver
 from .linear import CircuitFactor as CircuitFactor
 from .nonlinear import linearize as linearize

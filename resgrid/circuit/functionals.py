@@ -87,21 +87,28 @@ def rail_voltages(op: OperatingPoint) -> tuple[float, float]:
     return float(high[0]), float(low[0])
 
 
-def with_log_seeds(
-    op: OperatingPoint, seeds: Numbers, weights: NDArray[np.float64], drops: NDArray[np.float64]
-) -> Numbers:
+def with_log_seeds(op: OperatingPoint, seeds: Numbers, weights: NDArray[np.float64]) -> Numbers:
     """Return the seeds plus those of log drops: ``d log u / dV = -1 / (u (V_high - V_low))``.
 
-    `seeds` (nodes,): seeds of voltages, as mantissas and exponents; `weights` (nodes,): weights of log drops; `drops`:
-    log drops of the nodes with a weight other than 0.
+    `seeds` (nodes,): seeds of voltages, as mantissas and exponents; `weights` (nodes,): weights of log drops.
     """
     high, low = rail_voltages(op)
-    exponent = np.zeros(len(weights), dtype=np.int64)
-    mantissa, chosen = np.zeros(len(weights)), weights != 0.0
-    exponent[chosen] = np.floor(-drops / _LOG_UNIT).astype(np.int64)
-    mantissa[chosen] = -weights[chosen] / (high - low) * np.exp(-drops - exponent[chosen] * _LOG_UNIT)
-    total = corrected(Scaled(seeds[0], np.zeros_like(mantissa), seeds[1]), mantissa, exponent)
+    total = corrected(Scaled(seeds[0], 0.0 * weights, seeds[1]), *times_drops(op, -weights / (high - low), -1))
     return total.hi, total.exponent
+
+
+def times_drops(op: OperatingPoint, values: NDArray[np.float64], degree: int) -> Numbers:
+    """Return ``values * u**degree`` with the drops ``u`` of the nodes, (nodes,), as mantissas and exponents.
+
+    The result is 0 where a value is 0 or the log drop is not finite.
+    """
+    assert op.log_drop is not None
+    mantissa, exponent = np.zeros(len(values)), np.zeros(len(values), dtype=np.int64)
+    chosen = (values != 0.0) & np.isfinite(op.log_drop)
+    logs = degree * op.log_drop[chosen]
+    exponent[chosen] = np.floor(logs / _LOG_UNIT).astype(np.int64)
+    mantissa[chosen] = values[chosen] * np.exp(logs - exponent[chosen] * _LOG_UNIT)
+    return mantissa, exponent
 
 
 def above_obstacles(op: OperatingPoint) -> Numbers:
@@ -111,10 +118,7 @@ def above_obstacles(op: OperatingPoint) -> Numbers:
     """
     cells = op.netlist.cell_map
     height = np.nan_to_num(op.voltage if cells is None else op.voltage - cells.wiring.high)
-    exponent = np.zeros(len(height), dtype=np.int64)
     if cells is None or op.log_drop is None:
-        return height, exponent
-    known = np.isfinite(op.log_drop)
-    exponent[known] = np.floor(op.log_drop[known] / _LOG_UNIT).astype(np.int64)
-    height[known] = -cells.wiring.supply * np.exp(op.log_drop[known] - exponent[known] * _LOG_UNIT)
-    return height, exponent
+        return height, np.zeros(len(height), dtype=np.int64)
+    mantissa, exponent = times_drops(op, np.full(len(height), -cells.wiring.supply), 1)
+    return np.where(np.isfinite(op.log_drop), mantissa, height), exponent

@@ -54,14 +54,12 @@ class Response:
 
     `voltage` (nodes,): voltages in volts, 0 where the node floats; `resistor` (resistors,): currents of the resistors,
     in amperes, as mantissas and exponents; `source` (sources,): currents into the plus terminals of the voltage
-    sources, in amperes, as mantissas and exponents; NaN in loops of sources; `rounding`: bound on the error of a
-    voltage difference, relative to the larger voltage, 0 for recovered currents.
+    sources, in amperes, as mantissas and exponents; NaN in loops of sources.
     """
 
     voltage: Scaled
     resistor: Numbers
     source: Numbers
-    rounding: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,25 +106,24 @@ class SourceFreeCircuit:
         if self.system is None or self.factors is None:
             zeros, count = Scaled.of(np.zeros(self.netlist.node_count)), len(self.netlist.conductance)
             still = np.zeros(count), np.zeros(count, dtype=np.int64)
-            return Response(zeros, still, self._source_currents(still, amps), 0.0)
+            return Response(zeros, still, self._source_currents(still, amps))
         rows, error = self._solved(self.factors, self.system, amps)
         voltage = rows_to_nodes(self.system, rows, np.zeros(self.netlist.node_count))._replace(noise=rows.noise)
         is_drop = np.zeros(self.netlist.node_count, dtype=np.bool_)
         values = NodeValues(voltage, is_drop, 0.0, 1.0, rows.noise)
         current, exponent, _, _ = differences(values, self.netlist, SINGLE_THREAD)
-        rounding = max(rows.noise, error)
         unit = int(amps[1][amps[0] != 0.0].max()) if amps[0].any() else 0
         if self._may_cancel(self.system, error) and np.all(amps[1][amps[0] != 0.0] >= unit - _PLAIN):
             found, _ = recover_currents(_driven_by(self.system, amps[0] * power(amps[1] - unit)))
             if found is not None and found.error_bound <= DIRECTION_RESIDUAL:
                 current, exponent = with_tiny_currents(found.amps, found.floor, current, exponent - unit)
-                exponent, rounding = exponent + unit, 0.0
-        if rounding > DIRECTION_RESIDUAL:
+                exponent, error = exponent + unit, 0.0
+        if error > DIRECTION_RESIDUAL:
             raise AccuracyError(
-                f"the response to currents of both signs nearly cancels: its error may be {rounding:.1e} of the "
+                f"the response to currents of both signs nearly cancels: its error may be {error:.1e} of the "
                 f"largest voltage (at most {DIRECTION_RESIDUAL:g} is allowed); differentiate single voltages"
             )
-        return Response(voltage, (current, exponent), self._source_currents((current, exponent), amps), rounding)
+        return Response(voltage, (current, exponent), self._source_currents((current, exponent), amps))
 
     def _solved(self, factors: Factor, system: Equations, amps: Numbers) -> tuple[Scaled, float]:
         """Return the voltages (n,) of the rows, and a bound on their error relative to the largest one.
@@ -160,10 +157,10 @@ class SourceFreeCircuit:
 
         `system`: equations; `error`: bound on the error of a voltage relative to the largest one.
         """
+        if system.size > EXACT_ROWS:
+            return error > DIRECTION_RESIDUAL
         if error > CERTAIN or (self.netlist.cell_map is None and self.netlist.node_count <= _SMALL):
             return True
-        if system.size > EXACT_ROWS:
-            return False
         found = conductance_statistics(system.laplacian)
         return found.smallest < _STIFF * found.largest
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 from support.fractions_solver import solve_exactly
-from support.mpmath_circuits import all_elements, comb, differences, largest_error
+from support.mpmath_circuits import all_elements, comb, differences, largest_error, node_voltages
 
 import resgrid as rg
 
@@ -98,8 +98,9 @@ def space_of(shape: tuple[int, ...], periodic: bool = False, seed: int = 0) -> r
     [
         {"edge": "open"}, {"rails": "cells"}, {"boundary": "wall", "wall_resistance": 0.7, "rails": "cells"},
         {"boundary": "neumann"}, {"boundary": "wall", "wall_resistance": 3.0, "supply": -2.0, "goal_voltage": 0.5},
+        {"boundary": "neumann", "drive": "start"},
     ],
-    ids=["open", "cells", "wall", "neumann", "low obstacles"],
+    ids=["open", "cells", "wall", "neumann", "low obstacles", "start"],
 )  # fmt: skip
 def test_derivatives_with_respect_to_conductivities_equal_differences(
     shape: tuple[int, ...], periodic: bool, options: rg.WiringOptions
@@ -107,6 +108,8 @@ def test_derivatives_with_respect_to_conductivities_equal_differences(
     space = space_of(shape, periodic)
     if periodic:
         options = {**options, "edge": ["periodic", *["obstacle"] * (len(shape) - 1)]}
+    if options.get("drive") == "start":
+        options = {**options, "start": np.argwhere(space.goal_connected & (space.cell == rg.Cell.FREE))[-1].tolist()}
     netlist = rg.compile_space(space, resistance=1.0, **options)
     place = tuple(size // 2 - 1 for size in shape)
     found = rg.gradient(rg.solve(netlist), "voltage", at=place, cells=True)
@@ -233,6 +236,7 @@ def test_rejected_inputs_name_the_remedy() -> None:
     op = rg.solve(comb(4, 1.0))
     space = rg.ConfigurationSpace([rg.Axis("x", 0.0, 6.0, 6)], [2, 0, 0, 1, 0, 1])
     open_ = rg.solve(rg.compile_space(space, boundary="neumann"))
+    start = rg.solve(rg.compile_space(space, boundary="neumann", drive="start", start=(2,)))
     floating = rg.solve(rg.Netlist(4, [[1, 0], [2, 3]], [1.0, 1.0], source_nodes=[[1, 0]], source_volts=[1.0]))
     cases: list[tuple[str, object, object, dict[str, object]]] = [
         ("of = 'volts' must be 'voltage' or 'log_drop'", op, "volts", {"at": 3}),
@@ -249,6 +253,7 @@ def test_rejected_inputs_name_the_remedy() -> None:
         ("not compiled from a space", op, "path_cost", {"at": 3}),
         ("leave out cost, or choose of = 'path_cost'", op, "voltage", {"at": 3, "cost": [1.0]}),
         ("one finite number of at least 0 per cell", open_, "path_cost", {"at": (1,), "cells": True, "cost": [1.0]}),
+        ("a start-driven circuit absorbs walks", start, "path_cost", {"at": (1,), "cells": True}),
         ("method = 'fast' is unknown", op, "voltage", {"at": 3, "method": "fast"}),
         ("op = <a Netlist> must be an OperatingPoint", op.netlist, "voltage", {"at": 3}),
     ]  # fmt: skip
@@ -258,7 +263,7 @@ def test_rejected_inputs_name_the_remedy() -> None:
 
 
 @pytest.mark.parametrize("leak", [0.0, 1e-3, 40.0])
-@pytest.mark.parametrize("of", ["voltage", "log_drop", "path_cost"])
+@pytest.mark.parametrize("of", ["voltage", "log_drop", "path_cost", "path_cost_given_success"])
 @pytest.mark.parametrize("options", [{}, {"rails": "cells", "supply": -3.0}, {"boundary": "neumann"}], ids=str)
 def test_derivatives_with_respect_to_leaks_equal_differences(leak: float, of: str, options: rg.WiringOptions) -> None:
     space, place = space_of((5, 4)), (1, 1)
@@ -271,7 +276,7 @@ def test_derivatives_with_respect_to_leaks_equal_differences(leak: float, of: st
         netlist = rg.compile_space(space, resistance=7.0, leak=leak, **options)
         return rg.gradient(rg.solve(netlist), of, at=place, cells=True)  # type: ignore[arg-type]
 
-    step = 1e-4 * (leak or 1.0)
+    step = 1e-2 * leak or 1e-4
     values = [found(leak + factor * step).value for factor in ((0, 1, 2, 3) if leak == 0 else (-2, -1, 1, 2))]
     stencil = (-11 / 6, 3, -3 / 2, 1 / 3) if leak == 0 else (1 / 12, -2 / 3, 2 / 3, -1 / 12)
     here = found(leak).leak
@@ -299,3 +304,114 @@ def test_the_chain_rule_needs_one_derivative_per_resistor() -> None:
         rg.circuit.conductivity_gradient(netlist, np.ones(3))
     with pytest.raises(rg.InputError, match="not compiled from a space"):
         rg.circuit.conductivity_gradient(comb(4, 1.0), np.ones(8))
+
+
+@pytest.mark.parametrize("siemens", [(1e-15, 1e15, 1e-15, 2e-15), (1e12, 1e-12, 1e12, 1e-12), (1.0, 1e-30, 1e30, 1.0)])
+def test_conductances_of_any_ratio_have_accurate_derivatives(siemens: tuple[float, ...]) -> None:
+    """A ladder whose currents are tiny differences of large ones."""
+    rng = np.random.default_rng(3)
+    pairs = [(1, 2), (2, 3), (3, 4), (4, 0), (2, 0), (3, 0), (1, 3), (2, 4)]
+    netlist = rg.Netlist(
+        5, pairs, np.resize(siemens, 8) * rng.uniform(0.5, 2, 8), source_nodes=[(1, 0)], source_volts=[1.0],
+        current_nodes=[(0, 3)], current_amps=[-0.3 * max(siemens)],
+    )  # fmt: skip
+    found, every = rg.gradient(rg.solve(netlist), "voltage", at=[2, 4], weights=[1.0, -1.0]), all_elements(netlist)
+    wanted = differences(netlist, lambda v: v[2] - v[4], every, 300)
+    assert largest_error(found, wanted, every, 300) < 1e-9
+
+
+def test_the_multigrid_method_gives_the_derivatives_of_the_direct_method() -> None:
+    space = space_of((60, 50))
+    op = rg.solve(rg.compile_space(space, resistance=1.0))
+    place = tuple(np.argwhere(space.goal_connected & (space.cell == rg.Cell.FREE))[-1].tolist())
+    direct, multigrid = (
+        rg.gradient(op, "log_drop", at=place, cells=True, method=method) for method in ("direct", "multigrid")
+    )
+    largest = np.abs(direct.conductance).max()
+    np.testing.assert_allclose(multigrid.conductance, direct.conductance, rtol=1e-6, atol=1e-12 * largest)
+
+
+def test_places_are_nodes_names_masks_and_cells() -> None:
+    netlist = rg.compile_space(space_of((5, 4)))
+    op, node = rg.solve(netlist), netlist.cells.node
+    mask = np.zeros((5, 4), dtype=bool)
+    mask[1, 1] = mask[3, 2] = True
+    wanted = rg.gradient(op, "voltage", at=[int(node[1, 1]), int(node[3, 2])])
+    others = [
+        rg.gradient(op, "voltage", at=netlist.names_of(node[[1, 3], [1, 2]])),
+        rg.gradient(op, "voltage", at=np.isin(np.arange(netlist.node_count), node[mask])),
+        rg.gradient(op, "voltage", at=[(1, 1), (3, 2)], cells=True),
+        rg.gradient(op, "voltage", at=np.array([[1, 1], [3, 2]]), cells=True),
+        rg.gradient(op, "voltage", at=mask, cells=True),
+        rg.gradient(op, "voltage", at=(int(node[1, 1]), int(node[3, 2]))),
+        rg.gradient(op, "voltage", at=[(1, 1), (3, 2), (1, 1)], weights=[3.0, 1.0, -2.0], cells=True),
+    ]
+    for other in others:
+        assert other.value == pytest.approx(wanted.value, rel=1e-15)
+        np.testing.assert_allclose(other.conductance, wanted.conductance, rtol=1e-12)
+
+
+def test_weights_of_both_signs_give_the_difference_of_two_gradients() -> None:
+    space = space_of((160, 150), seed=1)
+    op = rg.solve(rg.compile_space(space, resistance=1.0))
+    assert op.netlist.node_count > 20_000
+    rng = np.random.default_rng(0)
+    nodes = rng.choice(op.netlist.cells.free_node[space.goal_connected[space.cell == rg.Cell.FREE]], 40)
+    seed = np.zeros(op.netlist.node_count)
+    seed[nodes] = rng.normal(size=40)
+    both, rising, falling = (
+        rg.circuit.pullback(op, log_drop=part) for part in (seed, np.maximum(seed, 0), np.maximum(-seed, 0))
+    )
+    wanted = rising.conductance - falling.conductance
+    np.testing.assert_allclose(both.conductance, wanted, rtol=1e-7, atol=1e-9 * np.abs(wanted).max())
+
+
+@pytest.mark.parametrize("options", [{"edge": "open"}, {"boundary": "wall", "wall_resistance": 2.0, "supply": -3.0}])
+def test_path_costs_given_success_equal_conditional_times_and_their_differences(options: rg.WiringOptions) -> None:
+    space = space_of((5, 5))
+    netlist = rg.compile_space(space, resistance=3.0, **options)
+    op, places = rg.solve(netlist), [(2, 2), (1, 1)]
+    times = rg.planning.collision_probability(netlist).time_given_success
+    plain = rg.gradient(op, "path_cost_given_success", at=places, weights=[2.0, -0.5], cells=True)
+    assert plain.value == pytest.approx(2 * times[places[0]] - 0.5 * times[places[1]], rel=1e-12)
+    cost = np.random.default_rng(1).uniform(0, 1, space.shape)
+    found = rg.gradient(op, "path_cost_given_success", at=places, weights=[2.0, -0.5], cost=cost, cells=True)
+    assert plain.cost is not None and found.value == pytest.approx(np.sum(cost * plain.cost), rel=1e-12)
+    free, node = netlist.cells.free_node, netlist.cells.node
+    walked = netlist.replace(current_nodes=np.stack([0 * free, free], 1), current_amps=np.zeros(free.size))
+    amps = cost.ravel()[netlist.cell_of_node()[free]] / 3.0
+    high, low = netlist.cells.wiring.high, netlist.cells.wiring.goal_voltage
+
+    def expected(conductance: list[object]) -> object:
+        volts = node_voltages(netlist, conductance, netlist.source_volts.tolist(), [])
+        u = [(high - v) / mp.mpf(high - low) for v in volts]
+        drive = [u[n] * mp.mpf(float(a)) for n, a in zip(free.tolist(), amps, strict=True)]
+        paid = node_voltages(walked, conductance, [0] * len(netlist.source_volts), drive)
+        return sum(w * paid[n] / u[n] for w, n in zip((2, mp.mpf(-0.5)), (int(node[p]) for p in places), strict=True))
+
+    with mp.workdps(50):
+        for k in range(0, len(netlist.conductance), 5):
+            ends = []
+            for sign in (1, -1):
+                changed = [mp.mpf(float(g)) for g in netlist.conductance]
+                changed[k] *= 1 + sign * mp.mpf(10) ** -17
+                ends.append(expected(changed))
+            wanted = (ends[0] - ends[1]) / (2 * mp.mpf(10) ** -17 * mp.mpf(float(netlist.conductance[k])))
+            assert found.conductance[k] == pytest.approx(float(wanted), rel=1e-10, abs=1e-14)
+
+
+def test_path_costs_of_deep_corridors_have_degree_minus_one() -> None:
+    cell = np.ones((3, 300), dtype=np.uint8)
+    cell[1, 1:], cell[1, 0] = rg.Cell.FREE, rg.Cell.GOAL
+    axes = [rg.Axis("x", 0, 3, 3), rg.Axis("y", 0, 300, 300)]
+    space = rg.ConfigurationSpace(axes, cell, np.random.default_rng(0).uniform(0.5, 2, cell.shape))
+    op, place = rg.solve(rg.compile_space(space)), (1, 299)
+    assert op.log_drop is not None and op.log_drop[op.netlist.cells.node[place]] < -380
+    found = rg.gradient(op, "path_cost_given_success", at=place, cells=True)
+    walk = rg.planning.collision_probability(op)
+    assert found.value == pytest.approx(walk.time_given_success[place], rel=1e-10)
+    assert found.conductance @ op.netlist.conductance == pytest.approx(-found.value, rel=1e-10)
+    assert found.leak is not None and found.leak.sum() < 0  # minus the variance of the time: fast walks survive
+    drop = rg.gradient(op, "log_drop", at=place, cells=True)
+    assert drop.leak is not None
+    np.testing.assert_allclose(found.cost, -drop.leak, rtol=1e-9)  # both are the expected times in the cells

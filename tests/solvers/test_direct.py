@@ -212,3 +212,17 @@ def test_a_triangle_of_stiff_resistors_has_accurate_currents(decades: int) -> No
     # The total leaves at corner 1; the current injected at 2 divides between the two parallel resistors.
     expected = [amps[1] / 2, amps[1], -amps[1] / 2, amps.sum()]
     np.testing.assert_allclose(rg.solve(netlist).resistor_current, expected, rtol=1e-6)
+
+
+def test_right_hand_sides_may_span_hundreds_of_orders_of_magnitude() -> None:
+    """A current of 1e358 A at one end of a leaky chain hardly changes the voltage at the other end."""
+    chain = np.arange(1, 13)
+    pairs = np.concatenate([np.stack([chain[:-1], chain[1:]], 1), np.stack([0 * chain, chain], 1)])
+    siemens = np.repeat([1.0, 1e30], [11, 12]) * np.random.default_rng(0).uniform(0.5, 2.0, 23)
+    system = grounded(pairs, siemens)
+    near, far = np.zeros((2, 12))
+    near[0], far[-1] = 1e30, 1e-27
+    exponent = np.where(far > 0, 5, 0)
+    found, error = factor_direct(system.laplacian).solve_nonnegative(Scaled(near + far, 0 * near, exponent))
+    expected = [a + 2**1280 * b for a, b in zip(exact(system, near), exact(system, far), strict=True)]
+    assert error < 1e-28 and largest_error(found, expected) < 1e-15

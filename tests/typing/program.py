@@ -27,6 +27,12 @@ def voltages(space: rg.ConfigurationSpace, options: rg.WiringOptions) -> NDArray
     return point.voltage if warm.fresh else warm.voltage
 
 
+def sensitive(netlist: rg.Netlist) -> NDArray[np.float64] | None:
+    """Return the derivatives of a log drop with respect to the conductivities of the cells."""
+    found: rg.circuit.Gradient = rg.gradient(rg.solve(netlist), "log_drop", at=(1, 2), cells=True)
+    return found.conductivity
+
+
 def served(scene: rg.Scene) -> float:
     """Return the fraction of starts that a chip serves."""
     study: rg.chip.Study = rg.study(scene, boundary="dirichlet")
@@ -49,4 +55,5 @@ def wrong_calls() -> None:
     rg.compile_space(rg.build_space(rg.read_scene("a.toml")), resistence=1e3)  # type: ignore[call-arg]
     rg.study(rg.read_scene("a.toml")).settling(bit=3)  # type: ignore[call-arg]
     _length: str = rg.Axis("x", 0.0, 1.0, 4).lower  # type: ignore[assignment]
+    rg.gradient(rg.solve(rg.Netlist(1, [], [])), "volts")  # type: ignore[arg-type]
     rg.streamlin  # type: ignore[attr-defined]  # noqa: B018
