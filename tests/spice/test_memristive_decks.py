@@ -7,14 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from support.cli import call
 from support.grammar import strangers
 from support.memristors import LAW, loop, random_memristive
 from support.simulators import run, waves
 from support.spaces import space_of
 
 import resgrid as rg
-from resgrid.cli.entry import main
 
 
 def grid(law: rg.circuit.Memristor | None = None) -> rg.circuit.MemristiveCircuit:
@@ -82,13 +81,13 @@ def test_every_altered_file_is_reported(tmp_path: Path, name: str) -> None:
 
 def test_the_command_line_checks_the_transient(tmp_path: Path) -> None:
     rg.spice.write_memristive(grid(), tmp_path / "grid.cir", stop=0.2)
-    result = CliRunner().invoke(main, ["check", "--json", str(tmp_path / "grid.cir")])
+    result = call("check", "--json", tmp_path / "grid.cir")
     assert result.exit_code == 0, result.output
     found = json.loads(result.stdout)
     assert found["agrees"] and found["verified"] and found["reference"] == "sidecar"
     broken = (tmp_path / "grid.cir").read_text().replace("100000.0-", "90000.0-", 1)
     (tmp_path / "grid.cir").write_text(broken)
-    assert CliRunner().invoke(main, ["check", str(tmp_path / "grid.cir")]).exit_code == 1
+    assert call("check", tmp_path / "grid.cir").exit_code == 1
 
 
 def test_a_simulation_that_fails_is_not_an_agreement(tmp_path: Path) -> None:
