@@ -38,6 +38,7 @@ PICTURES = {
     "resgrid.chip.yield_loss:YieldLoss": "yield_loss:draw_yield_loss",
     "resgrid.chip.yields:Yield": "chip_maps:draw_yield",
     "resgrid.circuit.operating_point:OperatingPoint": "pictures:draw_operating_point",
+    "resgrid.circuit.transients.memristive:MemristiveTransient": "memristors:draw_memristive",
     "resgrid.control.run_log:Run": "control:draw_run",
     "resgrid.control.wavefronts:Wavefront": "control:draw_wavefront",
     "resgrid.core.netlist:Netlist": "netlist_graphs:draw_circuit",
@@ -185,6 +186,8 @@ def draw(value: object, ax: Axes | None = None, **options: Any) -> Any:
     board               bridges or expected voltages, or a side      ``side`` ("plan", "front", "back")
     wavefront           change of the potential over time            ``shown`` (indices of its times)
     layout              the whole block, and one tile of it
+    memristors          resistances of the links of a grid, or the   ``quantity`` ("auto", "map", "states"), ``at``
+                        states over time                             (index of its times)
     ==================  ===========================================  =================================================
 
     The decorator ``@rg.draw.register(MyType)`` adds the picture of another type: a function of a value, ``ax`` and

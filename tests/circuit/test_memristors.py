@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
+
+import networkx as nx
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
@@ -247,3 +250,51 @@ def test_progress_is_reported_and_can_stop_the_integration() -> None:
 def test_bad_input_is_one_clear_message(make: object, words: str) -> None:
     with pytest.raises(rg.InputError, match=words):
         make()
+
+
+def test_separate_routes_switch_in_the_ratio_of_their_lengths() -> None:
+    lengths = (3, 4, 7)
+    nodes, links = 2, []
+    for length in lengths:
+        way = [1, *range(nodes, nodes + length - 1), 0]
+        links += list(itertools.pairwise(way))
+        nodes += length - 1
+    netlist = rg.Netlist(nodes, links, np.ones(len(links)), source_nodes=[[1, 0]], source_volts=[1.0])
+    first = run(netlist, times=[5.0], tolerance=1e-8).switching_time
+    half = (LAW.off_resistance**2 - (LAW.off_resistance - SPAN / 2) ** 2) / (2 * SPAN * LAW.rate)
+    assert np.allclose(first, np.repeat(lengths, lengths) * half, rtol=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_exactly_the_solution_of_a_perfect_maze_is_recorded(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    grid = nx.convert_node_labels_to_integers(nx.grid_2d_graph(4, 4))
+    nx.set_edge_attributes(grid, {edge: rng.random() for edge in grid.edges}, "weight")
+    tree = nx.minimum_spanning_tree(grid)
+    ends = np.array(tree.edges)
+    netlist = rg.Netlist(16, ends, np.ones(len(ends)), source_nodes=[[15, 0]], source_volts=[1.0])
+    polarity = rng.choice([-1, 1], len(ends))
+    found = run(netlist, law(initial=0.5), polarity=polarity, times=[0.2], tolerance=1e-6)
+    changed = {frozenset(pair) for pair in ends[np.abs(found.state[0] - 0.5) > 1e-6].tolist()}
+    assert changed == {frozenset(pair) for pair in itertools.pairwise(nx.shortest_path(tree, 15, 0))}
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_first_route_of_a_maze_with_loops_is_a_shortest_one(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    grid = nx.convert_node_labels_to_integers(nx.grid_2d_graph(4, 4))
+    nx.set_edge_attributes(grid, {edge: rng.random() for edge in grid.edges}, "weight")
+    maze = nx.Graph(nx.minimum_spanning_tree(grid).edges)
+    maze.add_edges_from(edge for edge in grid.edges if rng.random() < 0.3)
+    ends = np.array(maze.edges)
+    netlist = rg.Netlist(16, ends, np.ones(len(ends)), source_nodes=[[15, 0]], source_volts=[1.0])
+    length = nx.shortest_path_length(maze, 15, 0)
+    whole = length * (LAW.off_resistance + LAW.on_resistance) / LAW.rate
+    pairs = rg.circuit.MemristiveCircuit.antiparallel(netlist, LAW)
+    switched = rg.circuit.memristive_transient(pairs, [whole], tolerance=1e-3).switching_time
+    first, route = np.fmin(*np.split(switched, 2)), nx.Graph([(15, 15), (0, 0)])
+    for link in np.argsort(first):
+        route.add_edge(*ends[link].tolist())
+        if nx.has_path(route, 15, 0):
+            break
+    assert np.isfinite(first[link]) and nx.shortest_path_length(route, 15, 0) == length

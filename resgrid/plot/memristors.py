@@ -1,0 +1,89 @@
+"""Pictures of circuits with memristors: resistances of the links of a grid, and states over time."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.colors import LogNorm
+from matplotlib.ticker import EngFormatter
+from numpy.typing import NDArray
+
+from resgrid.circuit.transients.memristive import MemristiveTransient
+from resgrid.core.netlist import CellMap
+from resgrid.errors import InputError
+from resgrid.plot.circuits import resistor_ends
+from resgrid.plot.figures import axes_or_new
+from resgrid.plot.panels import draw_space
+from resgrid.plot.style import PATHS, add_colour_bar, dress, strength_map
+
+_MOST_CURVES = 400
+"""Largest number of memristors whose states are drawn over time."""
+
+
+def draw_memristive(
+    result: MemristiveTransient,
+    ax: Axes | None = None,
+    *,
+    quantity: Literal["auto", "map", "states"] = "auto",
+    at: int = -1,
+) -> Axes:
+    """Draw the resistances of the links of a grid at an output time, or the states over time; return the axes.
+
+    `ax`: axes to draw on, by default those of a new figure; `quantity`: "map", "states", or "auto" for a map of a grid
+    with two axes and for states otherwise; `at`: index of the output time of a map.  Raise InputError for a map of
+    another circuit, and for an index that does not exist.
+    """
+    cells = result.circuit.netlist.cell_map
+    is_grid = cells is not None and cells.space.ndim == 2
+    if quantity == "states" or (quantity == "auto" and not is_grid):
+        return _draw_states(result, axes_or_new(ax, 0.7))
+    if cells is None or not is_grid:
+        raise InputError("quantity = 'map' needs a netlist compiled from a space with two axes; use 'states'")
+    if not -len(result.times) <= at < len(result.times):
+        raise InputError(f"at = {at} is not the index of one of the {len(result.times)} output times")
+    return _draw_map(result, cells, at, ax)
+
+
+def _draw_map(result: MemristiveTransient, cells: CellMap, at: int, ax: Axes | None) -> Axes:
+    """Draw the resistance of every link between two cells; `cells`: cell map; `at`: index of the output time."""
+    axes = draw_space(cells.space, ax)
+    assert isinstance(axes, Axes)
+    number, lower, upper, _ = resistor_ends(cells)
+    siemens = np.zeros(len(cells.resistor_face))
+    siemens[result.circuit.memristors] = 1 / result.resistance[at]
+    number, face = number[siemens[number] > 0], cells.resistor_face
+    links, first, which = np.unique(face[number], return_index=True, return_inverse=True)
+    ohms = 1 / np.bincount(which.ravel(), siemens[number], len(links))
+    of_number = {index: row for row, index in enumerate(resistor_ends(cells)[0].tolist())}
+    rows = [of_number[index] for index in number[first].tolist()]
+    origin = np.array([axis.lower for axis in cells.space.axes])
+    width = np.array([axis.spacing for axis in cells.space.axes])
+    segments = np.stack([origin + width * lower[rows], origin + width * upper[rows]], axis=1)
+    lines = LineCollection(
+        list(segments), array=ohms, cmap=strength_map().reversed(), norm=LogNorm(*_range(result)), linewidths=2.2
+    )
+    axes.add_collection(lines)
+    add_colour_bar(lines, axes, "resistance of a link (ohm)")
+    axes.set_title(f"after {EngFormatter('s', places=1)(result.times[at])}", fontsize="medium")
+    return axes
+
+
+def _range(result: MemristiveTransient) -> tuple[float, float]:
+    """Return the smallest and the largest possible resistance of a link of one or two memristors, in ohms."""
+    law = result.circuit.law
+    return law.on_resistance / 2, law.off_resistance
+
+
+def _draw_states(result: MemristiveTransient, axes: Axes) -> Axes:
+    """Draw the states of the memristors over time, those that change most on top."""
+    change = np.abs(result.state[-1] - result.state[0])
+    shown: NDArray[np.int64] = np.argsort(change)[-_MOST_CURVES:]
+    for memristor in shown.tolist():
+        axes.plot(result.times, result.state[:, memristor], color=PATHS[3], alpha=0.5, linewidth=0.8)
+    axes.set(xlabel="time", ylabel="state (1: conducting)", ylim=(-0.03, 1.03))
+    axes.xaxis.set_major_formatter(EngFormatter("s"))
+    dress(axes)
+    return axes

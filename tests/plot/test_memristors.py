@@ -1,0 +1,45 @@
+"""Pictures of circuits with memristors."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from matplotlib.collections import LineCollection
+from support.memristors import LAW, loop
+from support.spaces import space_of
+
+import resgrid as rg
+
+
+def grid_run() -> rg.circuit.MemristiveTransient:
+    """Return the transient of a grid of 4 x 3 cells with antiparallel memristors."""
+    cell = np.zeros((4, 3), dtype=np.uint8)
+    cell[1, 1], cell[3, 2] = 1, 2
+    netlist = rg.compile_space(space_of(cell), boundary="neumann", drive="start", start=(0, 0))
+    circuit = rg.circuit.MemristiveCircuit.antiparallel(netlist, rg.circuit.Memristor(1e3, 1e5, 1e6))
+    return rg.circuit.memristive_transient(circuit, [0.0, 0.2, 3.0], tolerance=1e-3)
+
+
+def test_a_map_shows_the_resistance_of_every_link() -> None:
+    run = grid_run()
+    links = len(run.circuit.netlist.conductance) // 2
+    for at, ohms in ((0, 5e4), (2, 1 / (1e-3 + 1e-5))):
+        axes = rg.draw(run, at=at)
+        lines = next(item for item in axes.collections if isinstance(item, LineCollection))
+        values = np.asarray(lines.get_array())
+        assert len(values) == len(lines.get_segments()) == links
+        assert values.min() == pytest.approx(ohms, rel=1e-9)
+        assert axes.get_title() == ("after 0.0 s", "after 200.0 ms", "after 3.0 s")[at]
+        segments = np.array(lines.get_segments())
+        assert segments.min() >= 0 and (segments.max(axis=(0, 1)) <= (4, 3)).all()
+
+
+def test_states_are_drawn_over_time_where_there_is_no_grid() -> None:
+    run = rg.circuit.memristive_transient(rg.circuit.MemristiveCircuit(loop(), LAW), [0.0, 0.5, 1.0])
+    axes = rg.draw(run)
+    assert np.array_equal(axes.lines[0].get_ydata(), run.state[:, 0])
+    assert len(rg.draw(grid_run(), quantity="states").lines) == len(grid_run().circuit.memristors)
+    with pytest.raises(rg.InputError, match="needs a netlist compiled from a space with two axes"):
+        rg.draw(run, quantity="map")
+    with pytest.raises(rg.InputError, match="at = 3 is not the index of one of the 3 output times"):
+        rg.draw(grid_run(), at=3)
