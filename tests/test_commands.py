@@ -174,10 +174,25 @@ def _run_all(pieces: list[Piece]) -> None:
 
 
 PAGES = pages()
+SLOW = {
+    "README.md",
+    "docs/explanation/energy.md",
+    "docs/howto/board.md",
+    "docs/howto/cluster.md",
+    "docs/howto/good_enough.md",
+    "docs/howto/install.md",
+    "docs/howto/layout.md",
+    "docs/howto/urdf.md",
+    "docs/howto/verify_hardware.md",
+    "docs/howto/voxel_maps.md",
+    "docs/index.md",
+    "docs/live.md",
+    "docs/reference/files.md",
+}
+"""Pages whose commands take more than two seconds."""
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("place", PAGES)
+@pytest.mark.parametrize("place", [pytest.param(page, marks=[pytest.mark.slow] * (page in SLOW)) for page in PAGES])
 def test_commands_of_a_page_run_in_order(place: str, desk: Path) -> None:
     last = max(number for number, piece in enumerate(PAGES[place]) if piece.kind != "python")
     _run_all(PAGES[place][: last + 1])
