@@ -12,8 +12,9 @@ import re
 import subprocess
 import zlib
 from base64 import urlsafe_b64encode
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 import click
 import numpy as np
@@ -174,10 +175,36 @@ def _run_all(pieces: list[Piece]) -> None:
 
 
 PAGES = pages()
+SLOW = {
+    "board",
+    "check",
+    "chip",
+    "control",
+    "plot",
+    "run",
+    "README.md",
+    "docs/explanation/energy.md",
+    "docs/howto/board.md",
+    "docs/howto/cluster.md",
+    "docs/howto/good_enough.md",
+    "docs/howto/install.md",
+    "docs/howto/layout.md",
+    "docs/howto/urdf.md",
+    "docs/howto/verify_hardware.md",
+    "docs/howto/voxel_maps.md",
+    "docs/index.md",
+    "docs/live.md",
+    "docs/reference/files.md",
+}
+"""Subcommands whose examples, and pages whose commands, take more than two seconds."""
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("place", PAGES)
+def slow_marked(names: Iterable[str]) -> list[Any]:
+    """Return the names as parameters, those in `SLOW` with the mark `slow`."""
+    return [pytest.param(name, marks=[pytest.mark.slow] * (name in SLOW)) for name in names]
+
+
+@pytest.mark.parametrize("place", slow_marked(PAGES))
 def test_commands_of_a_page_run_in_order(place: str, desk: Path) -> None:
     last = max(number for number, piece in enumerate(PAGES[place]) if piece.kind != "python")
     _run_all(PAGES[place][: last + 1])
@@ -188,7 +215,7 @@ def test_commands_of_docstrings_scenes_and_the_live_page_run(desk: Path) -> None
     _run_all(sources())
 
 
-@pytest.mark.parametrize("subcommand", SUBCOMMANDS)
+@pytest.mark.parametrize("subcommand", slow_marked(SUBCOMMANDS))
 def test_examples_of_help_run(subcommand: str, desk: Path) -> None:
     if subcommand == "check":  # decks that the examples of other commands write
         for name in ("rooms.cir", "ours.cir"):

@@ -18,7 +18,7 @@ API = PROJECT / "docs" / "reference" / "api"
 PAGES = sorted(page for page in API.glob("*.rst") if page.stem != "index")
 
 
-SLOW = {"chips", "control", "decks", "fields"}
+SLOW = {"chips", "control", "decks", "fields", "hardware", "live"}
 """Pages whose sessions take more than two seconds."""
 
 NAMESPACES = [name for name in rg.__all__ if inspect.ismodule(getattr(rg, name))]
