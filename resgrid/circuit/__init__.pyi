@@ -1,5 +1,6 @@
 from resgrid.core.contact_derivatives import conductivity_gradient as conductivity_gradient
 
+from .adjoint_gradient import Gradient as Gradient
 from .batch import solve_many as solve_many
 from .driven_pairs import PairCurrents as PairCurrents, pair_currents as pair_currents
 from .effective_resistance import (
