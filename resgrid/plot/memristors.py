@@ -12,7 +12,7 @@ from matplotlib.ticker import EngFormatter
 from numpy.typing import NDArray
 
 from resgrid.circuit.transients.memristive import MemristiveTransient
-from resgrid.core.netlist import CellMap
+from resgrid.core.cell_map import CellMap
 from resgrid.errors import InputError
 from resgrid.plot.circuits import resistor_ends
 from resgrid.plot.figures import axes_or_new
