@@ -1,4 +1,7 @@
-"""Leaks to the obstacle rail: exact solutions of the screened Poisson equation, mpmath, ngspice, and messages."""
+"""Leaks to the obstacle rail: exact solutions of the screened Poisson equation, mpmath, ngspice, and messages.
+
+Tests internals: `resgrid.circuit.equations`, `resgrid.solvers`.
+"""
 
 from __future__ import annotations
 
@@ -14,6 +17,9 @@ from numpy.typing import NDArray
 from support.spaces import space_of
 
 import resgrid as rg
+from resgrid.circuit.equations import assemble
+from resgrid.solvers.decay_estimate import estimate_decades
+from resgrid.solvers.laplacian import conductance_statistics
 
 FREE, OBSTACLE, GOAL = rg.Cell.FREE, rg.Cell.OBSTACLE, rg.Cell.GOAL
 LEAKS = (1e-9, 0.03, 2.0, 1e5)
@@ -188,6 +194,19 @@ def test_methods_and_threads_agree_with_leaks_on_larger_grids() -> None:
             assert other.log_drop is not None
             own = space.goal_connected
             np.testing.assert_allclose(one.log_drop[own], other.log_drop[own], rtol=0, atol=2e-8)
+
+
+@pytest.mark.parametrize("boundary", ["dirichlet", "neumann"])
+def test_the_estimate_that_chooses_the_method_contains_the_leak(boundary: rg.Boundary) -> None:
+    cell = np.zeros((50, 50), dtype=np.uint8)
+    cell[0, 0] = GOAL
+    for leak in (0.1, 1.0, 30.0):
+        netlist = rg.compile_space(space_of(cell), boundary=boundary, leak=leak)
+        laplacian = assemble(netlist).laplacian.with_rows()
+        found = rg.field(rg.solve(netlist)).log_drop
+        assert found is not None
+        fall = -np.sort(found.ravel())[50] / np.log(10.0)  # one node in 50 is left out
+        assert 0.7 < estimate_decades(laplacian, conductance_statistics(laplacian)) / fall < 1.3
 
 
 def test_a_leak_of_zero_changes_nothing() -> None:
