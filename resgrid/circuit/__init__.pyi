@@ -9,7 +9,7 @@ from .effective_resistance import (
     reduce_network as reduce_network,
 )
 from .gradients import pullback as pullback
-from .jax_solver import jax_solver as jax_solver
+from .jax_functions import jax_solver as jax_solver
 from .linear import CircuitFactor as CircuitFactor
 from .nonlinear import linearize as linearize
 from .transients.linear import (

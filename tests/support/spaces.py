@@ -62,3 +62,14 @@ def spaces(
         spacing=tuple(draw(st.sampled_from([0.5, 1.0, 2.0])) for _ in range(ndim)),
         conductivity=conductivity,
     )
+
+
+def rough_space(shape: tuple[int, ...], periodic: bool = False, seed: int = 0) -> rg.ConfigurationSpace:
+    """A small space with obstacles, two goals, unequal cells and a conductivity map."""
+    rng = np.random.default_rng(seed)
+    cell = (rng.random(shape) < 0.15).astype(np.uint8)
+    cell[(0,) * len(shape)] = rg.Cell.GOAL
+    cell[tuple(size // 2 for size in shape)] = rg.Cell.GOAL
+    cell[tuple(size // 2 - 1 for size in shape)] = rg.Cell.FREE
+    axes = [rg.Axis("xyz"[n], 0.0, 1.0 + n, size, periodic=periodic and n == 0) for n, size in enumerate(shape)]
+    return rg.ConfigurationSpace(axes, cell, conductivity=rng.uniform(0.2, 5.0, shape))
