@@ -248,6 +248,8 @@ def start_cells(
     A point of an obstacle cell is assigned to a free neighbour if it lies on their common border, to rounding error.
     """
     cells, local = space.split(points)
+    if not np.any(space.cell[tuple(cells.T)] == Cell.OBSTACLE):
+        return cells, local
     size, slack = np.array(space.shape), space.rounding_errors
     for step in sorted(product((0, -1, 1), repeat=space.ndim), key=np.count_nonzero):
         beyond = np.array(step)
