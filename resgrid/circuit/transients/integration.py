@@ -31,8 +31,12 @@ _FIRST = 1e-3
 _GROWTH = 2.0
 """Largest product of a step and the growth rate of a state."""
 
-_LEAST_STEP = 1e-15
-"""Smallest length of a step, as a fraction of the end time, below which the integration fails."""
+_LEAST_STEP = 1e-24
+"""Smallest length of a step, as a fraction of the end time, below which the integration fails.
+
+Steps far below the resolution of the time are useful: a state is integrated over the length of the step, and close to a
+limit it can change much in so short a time.
+"""
 
 
 class _Attempt(NamedTuple):

@@ -103,7 +103,9 @@ def memristive_transient(
     initial : OperatingPoint or array_like of float, shape (nodes,), optional
         Node voltages before time 0, which determine the charges of the capacitors; by default these are discharged.
     tolerance : float
-        Accuracy of the states, and of the voltages relative to the largest voltage difference that has occurred.
+        Accuracy of the states, and of the voltages relative to the largest voltage difference that has occurred.  While
+        a memristor switches, earlier errors grow by up to the ratio of its resistances, because a lower resistance
+        increases the current; they amount to a small shift of the switching time.
     progress : callable, optional
         Function that is called after every step with the number of steps, the fraction of the time that remains, and
         the estimated seconds until the end.  The integration ends if it raises an exception.
