@@ -3,6 +3,8 @@
 The method is semi-analytical (D. W. Pollock, Ground Water 26(6), 1988): inside a cell, each velocity component is
 linear between the two faces that it crosses, so that exit face and time have a closed form.  Voltages are not
 interpolated.  A face to an obstacle carries no outward current, and each crossing strictly lowers the node potential.
+A leak, like a uniform drive, adds current to each cell.  More current then leaves a cell with current than enters it
+through its faces, so that a neighbour of strictly lower potential always exists.
 A streamline therefore cannot enter an obstacle, cut a corner, loop, or stop before a goal.  The current ends on the
 face of a goal cell.  From there a straight leg within this convex cell leads to the configuration that solves the goal.
 """
