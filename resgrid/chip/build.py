@@ -16,6 +16,7 @@ from resgrid.chip.effects import Effect, Faults, InternodalSwitches, Mismatch
 from resgrid.chip.effects.base import checked
 from resgrid.chip.figures_of_merit import formatted
 from resgrid.core import random_sites
+from resgrid.core.lattice import require_square
 from resgrid.core.netlist import Netlist
 from resgrid.core.random_sites import Seed, seed_of
 from resgrid.core.space import ConfigurationSpace
@@ -100,6 +101,7 @@ def ideal_netlist(space: ConfigurationSpace, chip: Chip, wiring: Wiring) -> Netl
     The currents of a uniform drive are scaled so that the highest node is at the supply.  `space`: the space to
     compile; `chip`: gives resistance, supply and wall resistance; `wiring`: boundary conditions of the circuit.
     """
+    require_square(wiring.lattice, "the chip with its imperfections")
     wall = chip.wall_resistance if wiring.boundary == "wall" else None
     own = dataclasses.replace(
         wiring, rails="cells", resistance=chip.with_process().resistance, supply=chip.supply, wall_resistance=wall

@@ -22,6 +22,7 @@ from resgrid.control.run_log import End, Run, TerminationReason
 from resgrid.control.simulation_loop import Loop
 from resgrid.control.state_estimate import LiveMap, Sensor, solve_again
 from resgrid.core.cell import Cell
+from resgrid.core.lattice import require_square
 from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError
 from resgrid.planning.fields import Field
@@ -277,6 +278,7 @@ def simulation(
     control = replace(scene.control, **{key: value for key, value in given.items() if value is not None})
     plant = plant_of(scene)
     require_uniform(scene, "control")
+    require_square(scene.lattice, "control")
     share = control.k if control.k is not None else next(iter(scene.k), None)
     controller = make_controller(
         solve_field(build_space(scene), scene_wiring(scene), share) if field is None else field,

@@ -47,20 +47,27 @@ class CellLattice(Lattice):
             for index, offset in zip(np.indices(self.shape, sparse=True), self.offsets[step], strict=True)
         )
 
-    def links(self, step: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the conductances of a step from every cell, and of its contacts with obstacles."""
+    def weights_at(self, step: int) -> NDArray[np.float64]:
+        """Return the weight of a step from every cell: the mean over the blocks with both cells, 0 if it is blocked."""
         open_blocks = self._open_blocks(self.offsets[step])
         weight = self.weights[step] * open_blocks + self.plain[step] * (1.0 - open_blocks)
+        there, solid = self.neighbours(step), self.space.cell == Cell.OBSTACLE
+        return np.where((there < 0) | solid | solid.ravel()[there], 0.0, weight)
+
+    def conductivity_at(self, step: int) -> NDArray[np.float64] | None:
+        """Return the harmonic mean of the conductivities of every cell and its neighbour, or that of the free cell."""
+        c = self.space.conductivity
+        if c is None:
+            return None
         there = self.neighbours(step)
-        code, c = self.space.cell, self.space.conductivity
-        blocked = (there < 0) | (code == Cell.OBSTACLE) | (code.ravel()[there] == Cell.OBSTACLE)
-        weight = np.where(blocked, 0.0, weight)
-        if c is not None:
-            here, beyond = c, c.ravel()[there]
-            free, free_there = code == Cell.FREE, code.ravel()[there] == Cell.FREE
-            here, beyond = np.where(free_there & ~free, beyond, here), np.where(free & ~free_there, here, beyond)
-            weight *= here * (2.0 * beyond / (here + beyond))
-        return weight, np.full(self.shape, self.plain[step])
+        free = self.space.cell == Cell.FREE
+        here, beyond, is_free = c, c.ravel()[there], free.ravel()[there]
+        here, beyond = np.where(is_free & ~free, beyond, here), np.where(free & ~is_free, here, beyond)
+        return np.asarray(here * (2.0 * beyond / (here + beyond)))
+
+    def contact_weight(self, step: int) -> float:
+        """Return the weight of the contact of a face neighbour; steps across edges and corners have none."""
+        return float(self.plain[step])
 
     def _open_blocks(self, offset: NDArray[np.int64]) -> NDArray[np.float64]:
         """Return the fraction of blocks without obstacles around every cell and its neighbour, shape of the space.

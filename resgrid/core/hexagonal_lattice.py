@@ -63,38 +63,25 @@ class HexagonalLattice(Lattice):
         lower = j if sense > 0 else j - 1
         return i + sense * (lower % 2 - left), j + sense
 
-    def links(self, step: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the conductances of a step from every site, and of its contacts with obstacles."""
-        there = self.neighbours(step)
-        x, y = self.site_cells
-        x_there, y_there = x.ravel()[there], y.ravel()[there]
-        crosses_x = self.beyond(step, 1)[0] // self.per_cell != x  # before wrapping
-        crosses_y = np.broadcast_to((self.beyond(step, 1)[1] >= self.shape[1]) | (y != y_there), self.shape)
-        height = (y + 1) * self.space.spacing[1] - (self.first + np.arange(self.shape[1]) * self.row)
-        at_y = np.where(crosses_y, height / self.row, 2.0)
-        at_border = np.where(np.arange(self.shape[1]) % 2 == 0, 0.75, 0.25) if step == 0 else 0.5
-        at_x = np.where(crosses_x, at_border, 2.0)
+    def weights_at(self, step: int) -> NDArray[np.float64]:
+        """Return the weight of a step from every site, 0 if its segment touches an obstacle or leaves the grid."""
+        there, solid = self.neighbours(step), self.space.cell == Cell.OBSTACLE
+        (x, y), (x_there, y_there) = self._ends(step)
+        at_x, at_y = self._crossings(step)
         slack = self.space.rounding[1] * self.space.spacing[1] / self.row
-        solid = self.space.cell == Cell.OBSTACLE
         blocked = (there < 0) | solid[x, y] | solid[x_there, y_there]
-        both = crosses_x & crosses_y
+        both = (at_x < 1.0) & (at_y < 1.0)
         blocked |= both & (at_x <= at_y + slack) & solid[x_there, y]
         blocked |= both & (at_y <= at_x + slack) & solid[x, y_there]
-        weight = np.where(blocked, 0.0, self.weights[step])
-        if self.space.conductivity is not None:
-            weight *= self._conductivity((x, y), (x_there, y_there), at_x, at_y)
-        return weight, np.full(self.shape, self.weights[step])
+        return np.where(blocked, 0.0, self.weights[step])
 
-    def _conductivity(
-        self, here: Index, there: Index, at_x: NDArray[np.float64], at_y: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """Return the harmonic mean of the conductivity along every segment, in the lattice's shape.
-
-        `here`, `there`: cells of the ends; `at_x`, `at_y`: fraction of the segment at which it crosses a border of
-        cells across each axis, above 1 without a crossing.  A goal cell has the conductivity of the free end.
-        """
-        assert self.space.conductivity is not None
+    def conductivity_at(self, step: int) -> NDArray[np.float64] | None:
+        """Return the harmonic mean of the conductivity along every segment; a goal cell has that of the free end."""
         code, c = self.space.cell, self.space.conductivity
+        if c is None:
+            return None
+        here, there = self._ends(step)
+        at_x, at_y = self._crossings(step)
         first, last = c[here], c[there]
         is_goal, is_goal_there = code[here] == Cell.GOAL, code[there] == Cell.GOAL
         first, last = (
@@ -104,6 +91,28 @@ class HexagonalLattice(Lattice):
         low, high = np.minimum(np.minimum(at_x, at_y), 1.0), np.maximum(at_x, at_y)
         high = np.where(high > 1.0, low, high)  # no middle cell with fewer than two crossings
         return np.asarray(1.0 / (low / first + (high - low) / middle + (1.0 - high) / last))
+
+    def contact_weight(self, step: int) -> float:
+        """Return the weight of the step."""
+        return float(self.weights[step])
+
+    def _ends(self, step: int) -> tuple[Index, Index]:
+        """Return the cells of both ends of a step from every site, each as one array of indices per axis."""
+        there = self.neighbours(step)
+        x, y = self.site_cells
+        return (x, y), (x.ravel()[there], y.ravel()[there])
+
+    def _crossings(self, step: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the fractions of the segments of a step at which they cross a border of cells across each axis.
+
+        Both arrays have the lattice's shape; entries are 2 without a crossing.
+        """
+        (x, y), (_, y_there) = self._ends(step)
+        across, up = self.beyond(step, 1)  # before wrapping
+        crosses_x, crosses_y = across // self.per_cell != x, (up >= self.shape[1]) | (y != y_there)
+        height = (y + 1) * self.space.spacing[1] - (self.first + np.arange(self.shape[1]) * self.row)
+        at_border = np.where(np.arange(self.shape[1]) % 2 == 0, 0.75, 0.25) if step == 0 else 0.5
+        return np.where(crosses_x, at_border, 2.0), np.where(crosses_y, height / self.row, 2.0)
 
     def sites_in(self, cell: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return the sites in a cell, (n, 2)."""

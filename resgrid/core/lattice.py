@@ -58,13 +58,19 @@ class Lattice(ABC):
         """
 
     @abstractmethod
-    def links(self, step: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return conductances ``g`` of a step from every site, and of contacts with obstacles, in the lattice's shape.
+    def weights_at(self, step: int) -> NDArray[np.float64]:
+        """Return the weight of a step from every site, in the lattice's shape.
 
-        A conductance is 0 where the segment of the step touches an obstacle cell or leaves the grid.  If the space has
-        conductivities, they include those of the free cells, and are relative to 1 / R.  The second array holds the
-        conductance of the contact that replaces a blocked resistor, without the conductivity.
+        The weight is 0 where the segment of the step touches an obstacle cell or leaves the grid.
         """
+
+    @abstractmethod
+    def conductivity_at(self, step: int) -> NDArray[np.float64] | None:
+        """Return the conductivity along a step from every site, in the lattice's shape; None if it is 1 everywhere."""
+
+    @abstractmethod
+    def contact_weight(self, step: int) -> float:
+        """Return the weight of the contact with an obstacle that replaces a blocked step, 0 for no contact."""
 
     @abstractmethod
     def sites_in(self, cell: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -106,6 +112,11 @@ class Lattice(ABC):
             inside &= within
             parts.append(np.broadcast_to(np.where(within, np.mod(along, size), 0), self.shape))
         return tuple(parts), inside
+
+    @cached_property
+    def site_weights(self) -> NDArray[np.float64]:
+        """Weights of all steps from all sites, 0 where a segment is blocked; (steps, sites)."""
+        return np.stack([self.weights_at(step).ravel() for step in range(len(self.steps))])
 
     @cached_property
     def site_cells(self) -> Index:

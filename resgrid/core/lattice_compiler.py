@@ -112,14 +112,17 @@ def _resistors(lattice: Lattice, wiring: Wiring, own: NDArray[np.bool_], step: i
 
     `own` (shape of the lattice): whether a site has a node of its own.
     """
-    weight = lattice.links(step)[0].ravel()
+    weight, c = lattice.site_weights[step], lattice.conductivity_at(step)
     there, is_own = lattice.neighbours(step).ravel(), own.ravel()
     is_end = is_own | (lattice.at_sites(lattice.space.cell) == Cell.GOAL).ravel()
     joined = (weight > 0) & is_end & is_end[there] & (is_own | is_own[there])
     here = np.flatnonzero(joined)
     joined[here[there[here] == here]] = False  # a ring of one site leads back to it
     here = np.flatnonzero(joined)
-    return _Links(here, there[here], np.full(len(here), step, dtype=np.int8), weight[here] / wiring.resistance)
+    siemens = weight[here] / wiring.resistance
+    if c is not None:
+        siemens *= c.ravel()[here]
+    return _Links(here, there[here], np.full(len(here), step, dtype=np.int8), siemens)
 
 
 def _contacts(lattice: Lattice, wiring: Wiring, own: NDArray[np.bool_], step: int) -> _Links:
@@ -127,9 +130,8 @@ def _contacts(lattice: Lattice, wiring: Wiring, own: NDArray[np.bool_], step: in
 
     `own` (shape of the lattice): whether a site has a node of its own.
     """
-    weight, contact = lattice.links(step)
-    there = lattice.neighbours(step)
-    blocked = (weight == 0) & (there >= 0) & (contact > 0)
+    there, contact = lattice.neighbours(step), lattice.contact_weight(step)
+    blocked = (lattice.site_weights[step].reshape(lattice.shape) == 0) & (there >= 0) & (contact > 0)
     ends = [np.flatnonzero(blocked & own)]
     back = there[blocked]
     ends.append(np.sort(back[own.ravel()[back]]))
@@ -142,7 +144,7 @@ def _contacts(lattice: Lattice, wiring: Wiring, own: NDArray[np.bool_], step: in
             opened |= beyond & (rule == "open")
         ends.append(np.flatnonzero(outside & ~opened & own & (contact > 0)))
     site = np.concatenate(ends)
-    siemens = contact.ravel()[site] / wiring.resistance
+    siemens = np.full(len(site), contact / wiring.resistance)
     if lattice.space.conductivity is not None:
         siemens *= lattice.at_sites(lattice.space.conductivity).ravel()[site]
     if wiring.wall_resistance:

@@ -17,6 +17,7 @@ from resgrid.chip.figures_of_merit import Proportion
 from resgrid.chip.study_analyses import study
 from resgrid.chip.yields import Yield
 from resgrid.core.cell import Cell
+from resgrid.core.lattice import require_square
 from resgrid.core.space import ConfigurationSpace
 from resgrid.core.wiring import Wiring, WiringOptions, wiring_of
 from resgrid.errors import InputError
@@ -310,6 +311,7 @@ def build_board(
             raise InputError("space = ... belongs to a scene; the first argument is a space already, leave it out")
         space, readout, starts, title = source, Readout(), (), "Resistor grid"
         own = wiring_of(wiring, options)
+    require_square(own.lattice, "a board")
     if readout.bits is None:
         readout = replace(readout, bits=BITS)
     circuit = board_circuit(space, kind, own.on(space))

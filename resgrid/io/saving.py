@@ -41,8 +41,9 @@ def save(value: object, file: str | os.PathLike[str], **options: Any) -> Path:
     value : Streamline, NodePath, ShortPath, Polyline, Trajectory, LegPath, Run, sequence of Run, OperatingPoint, ...
         Also a Field, a LatticeField, a Netlist, an EffectiveResistance, a Board or a Layout.  A path: its points in
         continuous world coordinates, with times if it has some, and the tip of an arm.  A run: every step.  An
-        operating point or a field: potentials and currents.  A netlist: its elements.  Effective resistances: their pairs.  A board: its
-        KiCad project.  A chip layout: its shapes, and a record of its circuit in ``FILE.record.json``.
+        operating point or a field: potentials and currents.  A netlist: its elements.  Effective resistances: their
+        pairs.  A board: its KiCad project.  A chip layout: its shapes, and a record of its circuit in
+        ``FILE.record.json``.
     file : path-like
         ``-`` is standard output.  By type of value:
 

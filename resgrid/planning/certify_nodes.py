@@ -7,7 +7,9 @@ cells of the space.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import product
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,8 +33,9 @@ def certify_nodes(path: NodePath) -> None:
     - It begins at the start, in a free or goal cell, and a straight line within this cell leads to its first site.
     - Consecutive sites are neighbours: their displacement is a step of the lattice.
     - No segment between sites touches an obstacle cell (closed, so that no corner is cut) or leaves the grid.
-    - Along every step the largest outward current of the site flows, and the potential does not rise: two potentials
-      may round to one double, but the direction of the current is known.
+    - Along every step flows the largest outward current of the site, or the current of the largest density
+      (`LatticeField.read_out`), and the potential does not rise: two potentials may round to one double, but the
+      direction of the current is known.
     - All sites are distinct, all but the last lie in free cells, and the last one in the stated goal region.
     - Length and clearance agree with the polyline.
 
@@ -182,13 +185,16 @@ def _check_currents(path: NodePath, step: Integers, sense: Integers) -> None:
     field = path.field
     flat = np.ravel_multi_index(tuple(path.nodes.T), field.lattice.shape)
     tail = np.where(sense > 0, flat[:-1], flat[1:])  # the current of a step is stored at its lower end
-    direction = np.stack([part.ravel() for part in field.step_direction])[step, tail]
-    log_current = np.stack([part.ravel() for part in field.step_log_current])[step, tail]
+    direction = _taken(field.step_direction, step, tail)
     if np.any(direction != sense):
         raise CertificateError(f"step {int(np.argmax(direction != sense))}: no current flows along it")
-    less = log_current < field.largest_current[flat[:-1]] - SAME_CURRENT
+    rating = _taken(field.step_log_current, step, tail)
+    if field.read_out == "density":
+        moved = np.linalg.norm(np.diff(_at_sites(path), axis=0), axis=1)
+        rating = rating - np.log(field.lattice.site_weights[step, tail] * moved / path.space.spacing.min())
+    less = rating < field.largest_rating[flat[:-1]] - 2.0 * SAME_CURRENT
     if less.any():
-        raise CertificateError(f"step {int(np.argmax(less))}: another current of its site is larger")
+        raise CertificateError(f"step {int(np.argmax(less))}: another {field.read_out} of its site is larger")
     if field.boundary == "blend":
         return
     rises = np.diff(field.potential.ravel()[flat]) > 0
@@ -196,6 +202,15 @@ def _check_currents(path: NodePath, step: Integers, sense: Integers) -> None:
         rises |= np.diff(field.log_drop.ravel()[flat]) < 0
     if rises.any():
         raise CertificateError(f"step {int(np.argmax(rises))}: the potential rises")
+
+
+def _taken(parts: Sequence[NDArray[Any]], step: Integers, tail: Integers) -> NDArray[Any]:
+    """Return entries (n,) of one array per step of the lattice; `step`, `tail` (n,): steps and flat sites."""
+    found = np.zeros(len(step), dtype=parts[0].dtype)
+    for number in np.unique(step).tolist():
+        own = step == number
+        found[own] = parts[number].ravel()[tail[own]]
+    return found
 
 
 def _check_extent(path: NodePath) -> None:
@@ -216,7 +231,7 @@ def _check_failure(path: NodePath) -> None:
     code, connected = space.cell[start], bool(space.goal_connected[start])
     blocked = not space.goal_connected.any()
     still = len(path.nodes) > 0 and not np.isfinite(
-        path.field.largest_current[np.ravel_multi_index(tuple(path.nodes[-1]), path.field.lattice.shape)]
+        path.field.largest_rating[np.ravel_multi_index(tuple(path.nodes[-1]), path.field.lattice.shape)]
     )
     true = {
         Outcome.START_BLOCKED: code == Cell.OBSTACLE,

@@ -45,6 +45,7 @@ def blend_lattice_fields(dirichlet: LatticeField, neumann: LatticeField, k: floa
         step_direction=tuple(direction for direction, _ in parts),
         step_log_current=tuple(log_current for _, log_current in parts),
         k=float(k),
+        read_out=dirichlet.read_out,
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +20,10 @@ from resgrid.core.wiring import Wiring
 from resgrid.errors import CircuitError, InputError
 from resgrid.planning.clearance import obstacle_reach
 
+ReadOut = Literal["density", "current"]
+
 SAME_CURRENT = 1e-9
-"""Difference of the natural logarithms of two currents below which they count as equal.
+"""Difference of the natural logarithms of two currents or current densities below which they count as equal.
 
 The read-out then takes the first of the steps, so that rounding errors of symmetric currents do not change a path.
 """
@@ -52,6 +54,11 @@ class LatticeField:
         -inf without current.
     k : float
         Weight of the Dirichlet field: 1 for Dirichlet and walls, 0 for Neumann.
+    read_out : {"density", "current"}
+        Quantity that decides the step from a site: the largest current density ``I / (g |s|)`` of the current I along a
+        step s with the weight g, or the largest current.  The two agree where all resistors are equal, as on a
+        hexagonal lattice of equal pitch.  On other lattices, the largest current prefers the larger conductances of
+        face neighbours, and almost never follows a diagonal.
     space : ConfigurationSpace
         The space.
     boundary : str
@@ -61,8 +68,7 @@ class LatticeField:
     is_flowing : bool
         Whether any current is nonzero.
     next_site : ndarray of int64, shape of the lattice
-        Flat index of the site to which the largest current from every site leads; -1 without outward current, and in
-        goals.
+        Flat index of the site to which the read-out leads from every site; -1 without outward current, and in goals.
 
     Examples
     --------
@@ -71,7 +77,7 @@ class LatticeField:
     >>> field
     <LatticeField on 8 x 9 sites: hexagonal, dirichlet, k = 1>
     >>> field.potential[5, :4].round(3)
-    array([0.784, 0.585, 0.718, 0.843])
+    array([0.861, 0.643, 0.798, 0.827])
     """
 
     lattice: Lattice
@@ -81,6 +87,7 @@ class LatticeField:
     step_direction: tuple[NDArray[np.int8], ...]
     step_log_current: tuple[NDArray[np.float64], ...]
     k: float
+    read_out: ReadOut = "density"
 
     def __repr__(self) -> str:
         sites = " x ".join(map(str, self.lattice.shape))
@@ -136,32 +143,57 @@ class LatticeField:
         back = self.lattice.neighbours(step, -1).ravel()
         return np.where(back >= 0, outward[back], -np.inf)
 
+    def rating(self, step: int, sense: int) -> NDArray[np.float64]:
+        """Return the natural logarithm of the quantity that `read_out` compares, of every site in one direction, flat.
+
+        Parameters
+        ----------
+        step : int
+            Index of the step of the lattice.
+        sense : int
+            1 for the step, -1 for its negative.
+
+        Returns
+        -------
+        ndarray of float64, shape (sites,)
+            Outward current, or current density, in units of supply / resistance (and per cell width); -inf for none.
+        """
+        outward = self.outward(step, sense)
+        if self.read_out == "current":
+            return outward
+        weight = self.lattice.site_weights[step]
+        if sense < 0:
+            weight = weight[self.lattice.neighbours(step, -1).ravel()]
+        length = float(np.linalg.norm(self.lattice.steps[step]) / self.space.spacing.min())
+        flows = np.isfinite(outward)
+        return np.where(flows, outward - np.log(np.where(flows, weight, 1.0) * length), -np.inf)
+
     @cached_property
-    def largest_current(self) -> NDArray[np.float64]:
-        """Natural logarithm of the largest outward current of every site, flat, -inf without one; as `outward`."""
+    def largest_rating(self) -> NDArray[np.float64]:
+        """Largest `rating` of every site, flat; -inf without outward current."""
         largest = np.full(self.lattice.size, -np.inf)
         for step in range(len(self.lattice.steps)):
             for sense in (1, -1):
-                np.maximum(largest, self.outward(step, sense), out=largest)
+                np.maximum(largest, self.rating(step, sense), out=largest)
         return largest
 
     @cached_property
     def move(self) -> NDArray[np.int8]:
-        """Direction of the largest current from every site, flat: ``2 step``, plus 1 for the negative step; -1: none.
+        """Direction of the read-out from every site, flat: ``2 step``, plus 1 for the negative step; -1: none.
 
-        Of equal currents (`SAME_CURRENT`) the first direction is taken.
+        Of equal ratings (`SAME_CURRENT`) the first direction is taken.
         """
-        largest = self.largest_current
+        largest = self.largest_rating
         directions = [(step, sense) for step in range(len(self.lattice.steps)) for sense in (1, -1)]
         move = np.full(self.lattice.size, -1, dtype=np.int8)
         flows = np.isfinite(largest)
         for number, (step, sense) in reversed(list(enumerate(directions))):
-            move[flows & (self.outward(step, sense) >= largest - SAME_CURRENT)] = number
+            move[flows & (self.rating(step, sense) >= largest - SAME_CURRENT)] = number
         return move
 
     @cached_property
     def next_site(self) -> NDArray[np.int64]:
-        """Flat index of the site to which the largest current from every site leads, -1 for none; lattice's shape."""
+        """Flat index of the site to which the read-out leads from every site, -1 for none; lattice's shape."""
         there = np.full(self.lattice.size, -1, dtype=np.int64)
         for step in range(len(self.lattice.steps)):
             for sense in (1, -1):
@@ -170,13 +202,15 @@ class LatticeField:
         return there.reshape(self.lattice.shape)
 
 
-def lattice_field(op: OperatingPoint) -> LatticeField:
+def lattice_field(op: OperatingPoint, *, read_out: ReadOut = "density") -> LatticeField:
     """Return the field of a lattice, computed from the operating point of its netlist.
 
     Parameters
     ----------
     op : OperatingPoint
         Operating point of a netlist that was compiled from a space with another lattice than "square".
+    read_out : {"density", "current"}
+        Quantity that decides the step of a path from a site: the largest current density, or the largest current.
 
     Returns
     -------
@@ -195,7 +229,7 @@ def lattice_field(op: OperatingPoint) -> LatticeField:
     >>> space = rg.build_space(rg.read_scene("examples/scenes/lesson.toml"))
     >>> field = rg.planning.lattice_field(rg.solve(rg.compile_space(space, lattice="square8")))
     >>> rg.planning.node_path(field, (0.5, 6.5))
-    <NodePath reached goal 0: 10 points, length 9.243, clearance 0.5>
+    <NodePath reached goal 0: 10 points, length 9.828, clearance 0.5>
     """
     found = op.netlist.lattice_map if isinstance(op, OperatingPoint) else None
     if found is None:
@@ -229,6 +263,7 @@ def lattice_field(op: OperatingPoint) -> LatticeField:
         step_direction=tuple(directions),
         step_log_current=tuple(logs),
         k=0.0 if wiring.is_driven else 1.0,
+        read_out=read_out,
     )
 
 

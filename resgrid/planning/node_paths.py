@@ -1,7 +1,9 @@
 """Paths from node to node of a lattice, along the largest current.
 
 The read-out compares the currents at a node and goes to the neighbour to which the largest one flows (local current
-comparison, Hernandez-Mejia et al. 2018).  Every step lowers the potential, so that a path cannot loop or stop before a
+comparison, Hernandez-Mejia et al. 2018).  In their lattices all resistors are equal.  Where weights or lengths of steps
+differ, currents are divided by weight and length: the current densities along the steps are compared
+(`LatticeField.read_out`).  Every step lowers the potential, so that a path cannot loop or stop before a
 goal.  A resistor exists only where the straight line between its nodes meets no obstacle cell, so that a path cuts no
 corner.  The start is joined to the nearest node of its cell, which is convex and free.
 """
@@ -70,9 +72,9 @@ class NodePath:
     --------
     >>> path = rg.plan(rg.read_scene("examples/scenes/lesson.toml"), lattice="square8").path((0.5, 6.5))
     >>> path
-    <NodePath reached goal 0: 10 points, length 9.243, clearance 0.5>
+    <NodePath reached goal 0: 10 points, length 9.828, clearance 0.5>
     >>> path.points[-3:]
-    array([[5.5, 3.5],
+    array([[6.5, 3.5],
            [6.5, 2.5],
            [6.5, 1.5]])
     >>> rg.certify(path)
@@ -167,7 +169,7 @@ def node_path(field: LatticeField, start: ArrayLike | None = None, *, cell: Sequ
     --------
     >>> planner = rg.plan(rg.read_scene("examples/scenes/lesson.toml"), lattice="hexagonal")
     >>> rg.planning.node_path(planner.field, (0.5, 6.5))
-    <NodePath reached goal 0: 12 points, length 9.243, clearance 0.5>
+    <NodePath reached goal 0: 12 points, length 10.26, clearance 0.5>
     """
     require_lattice(field)
     return follow_nodes(field, one_start(field.space, start, cell))

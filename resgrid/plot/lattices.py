@@ -22,6 +22,7 @@ from resgrid.planning.lattice_fields import LatticeField
 from resgrid.plot.fields import draw_shading
 from resgrid.plot.panels import Panel, draw_panels
 from resgrid.plot.paths import end_of_first, path_layer
+from resgrid.plot.plane import draw_image
 from resgrid.plot.shading import Scale, Shading, shading_of
 from resgrid.plot.style import PATHS
 
@@ -47,15 +48,17 @@ def draw_lattice_field(
     paths to draw; `k`: weight k of the Dirichlet field of each path, None for paths of one field.
     """
     shading = shading_of(field, scale)
+    shows_steps = field.space.ndim == 2 and max(field.lattice.shape) <= _MOST_STEPS
 
     def potential(panel: Panel) -> tuple[ScalarMappable, str]:
         assert panel.plane is not None
         if isinstance(field.lattice, HexagonalLattice):
             image: ScalarMappable = _draw_hexagons(field.lattice, shading, panel)
         else:
-            image = draw_shading(panel.plane, shading, panel.of(shading.values), panel.axes, contours=not panel.cut)
+            contours = not panel.cut and not shows_steps
+            image = draw_shading(panel.plane, shading, panel.of(shading.values), panel.axes, contours=contours)
         panel.draw_cells()
-        if not panel.cut and max(field.lattice.shape) <= _MOST_STEPS:
+        if shows_steps:
             starts, ends = _joined_sites(field)
             _draw_steps(starts, ends, panel)
         return image, shading.label
@@ -123,8 +126,14 @@ def _draw_steps(
 
 
 def _draw_hexagons(lattice: HexagonalLattice, shading: Shading, panel: Panel) -> PolyCollection:
-    """Draw the values at the sites as hexagons, clipped to the grid; return the collection."""
+    """Draw the values at the sites as hexagons, clipped to the grid; return the collection.
+
+    Below the hexagons, every free cell has the colour of one of its sites, so that no free part remains white.
+    """
     assert panel.plane is not None
+    below = np.full(lattice.space.shape, np.nan)
+    below[lattice.site_cells] = shading.values
+    draw_image(panel.plane, below, panel.axes, cmap=shading.colours, vmin=shading.lower, vmax=shading.upper, zorder=0.4)
     index = np.argwhere(np.isfinite(shading.values) & (_codes(lattice) != Cell.OBSTACLE))
     points = lattice.points(index)
     corners = points[:, np.newaxis] + _hexagon(lattice)
