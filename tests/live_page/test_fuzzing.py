@@ -49,7 +49,7 @@ def measured(page: Page, developer: CDPSession, process: psutil.Process, first: 
 
 
 def load_packages(page: Page) -> None:
-    """Open two examples and save in every format, so that the server imports its packages before the first measurement."""
+    """Let the server import its packages before the first measurement: open two examples, and save in every format."""
     for name in ("scara", "rooms"):
         open_example(page, name)
         settle(page)
