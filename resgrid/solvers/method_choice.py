@@ -102,6 +102,8 @@ class MethodChoice(NamedTuple):
             on_nodes, on_entries = (100.0, 12.0) if laplacian.grid is not None else (230.0, 22.0)
             if self.accuracy == "direction":
                 on_nodes, on_entries = on_nodes + 60.0, on_entries + 18.0
+            if laplacian.rails is not None and laplacian.rails.leak:
+                on_nodes += _ON_LEAKS
             return on_nodes * n + on_entries * self.statistics.entries + _ON_LEVELS
         if order is not None:
             return direct_memory(order)
@@ -131,6 +133,9 @@ _LEAST_DECADES, _MOST_DECADES = 30.0, 250.0
 The first is assumed for the first comparison, before the fall is estimated. Beyond the second iterative refinement by
 multigrid takes too long, and the direct method is used.
 """
+
+_ON_LEAKS = 40.0
+"""Additional memory for a leak of every node, in bytes per node, measured on planes."""
 
 _ON_LEVELS = 0.5e6
 """Memory of multigrid that does not depend on the number of rows, in bytes."""
