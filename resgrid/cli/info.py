@@ -99,6 +99,7 @@ def describe(job: Job) -> dict[str, Any]:
         "drive": scene.drive,
         "leak": scene.leak,
         "edge": list(scene.edge),
+        "lattice": scene.lattice,
         "k": list(scene.k),
         **_cost(job),
     }
@@ -284,7 +285,8 @@ def _lines(data: dict[str, Any]) -> Iterable[str]:
     yield f"  goal          {data['goal_cells']:,}{regions}"
     yield f"  starts        {len(data['starts'])}"
     drive = f", drive {data['drive']}" if data["drive"] else f", leak {data['leak']:g}" if data["leak"] else ""
-    yield f"  boundary      {data['boundary']}{drive}, edge {', '.join(data['edge'])}"
+    lattice = "" if data["lattice"] == "square" else f", lattice {data['lattice']}"
+    yield f"  boundary      {data['boundary']}{drive}, edge {', '.join(data['edge'])}{lattice}"
     if data["memory_bytes"] is None:
         yield f"  no circuit    {data['no_circuit']}"
     else:

@@ -98,7 +98,8 @@ def _described(job: Job, op: rg.OperatingPoint) -> rg.OperatingPoint:
 
     `op`: operating point of the ideal grid, which is returned if the chip has no imperfections.
     """
-    return op if job.is_ideal else job.solve(op.netlist.cells.wiring)
+    found = op.netlist.space_map
+    return op if job.is_ideal or found is None else job.solve(found.wiring)
 
 
 def _write_all(

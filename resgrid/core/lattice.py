@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
+from math import prod
 from typing import Any, Literal
 
 import numpy as np
@@ -40,7 +41,7 @@ class Lattice(ABC):
     @property
     def size(self) -> int:
         """Number of sites."""
-        return int(np.prod(self.shape, dtype=np.int64))
+        return prod(self.shape)
 
     @abstractmethod
     def points(self, site: ArrayLike) -> NDArray[np.float64]:

@@ -112,14 +112,20 @@ def split_at_faces(points: NDArray[np.float64], space: ConfigurationSpace) -> ND
     `points` (n, ndim): corners of the polyline in axis units.  Results are measured from the lower corner of the grid.
     """
     scaled = (points - space.lower) / space.spacing
-    cells_touched = np.ceil(np.maximum(scaled[:-1], scaled[1:])) - np.floor(np.minimum(scaled[:-1], scaled[1:]))
-    parts, done = [], 0
-    for number in np.flatnonzero(np.any(cells_touched > 1, axis=1)).tolist():  # the others stay within one cell
-        start, end = scaled[number], scaled[number + 1]
-        crossings = face_crossings(start, end)
-        parts += [scaled[done : number + 1], start + crossings[:, np.newaxis] * (end - start)]
-        done = number + 1
-    return np.concatenate([*parts, scaled[done:]])
+    start, end = scaled[:-1], scaled[1:]
+    first = np.floor(np.minimum(start, end)) + 1
+    counts = np.maximum(np.ceil(np.maximum(start, end)) - first, 0).astype(np.int64)
+    segment, axis = np.nonzero(counts)
+    repeats = counts[segment, axis]
+    segment, axis = np.repeat(segment, repeats), np.repeat(axis, repeats)
+    border = first[segment, axis] + np.arange(len(segment)) - np.repeat(np.cumsum(repeats) - repeats, repeats)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        at = (border - start[segment, axis]) / (end[segment, axis] - start[segment, axis])
+    inner = (at > 0) & (at < 1)
+    segment, at = np.unique(np.stack([segment[inner], at[inner]], axis=1), axis=0).T
+    segment = segment.astype(np.int64)
+    crossings = start[segment] + at[:, np.newaxis] * (end[segment] - start[segment])
+    return np.insert(scaled, segment + 1, crossings, axis=0)
 
 
 def face_crossings(start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:

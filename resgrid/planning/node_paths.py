@@ -245,11 +245,11 @@ def _visited(field: LatticeField, first: NDArray[np.int64]) -> NDArray[np.int64]
 
     `first` (ndim,): index of the first site.
     """
-    there, at = field.next_site.ravel(), int(np.ravel_multi_index(tuple(first), field.lattice.shape))
-    visited = [at]
-    while (at := int(there[at])) >= 0:
+    at, following = int(np.ravel_multi_index(tuple(first), field.lattice.shape)), field.next_site.ravel().item
+    visited, most = [at], field.lattice.size
+    while (at := following(at)) >= 0:
         visited.append(at)
-        if len(visited) > field.lattice.size:
+        if len(visited) > most:
             raise AccuracyError("the path along the largest currents does not end; solve with accuracy = 'direction'")
     return np.stack(np.unravel_index(visited, field.lattice.shape), axis=1)
 

@@ -278,11 +278,11 @@ class Circuit:
         """Return ``file:line`` of the first element at some nodes of a deck; for a netlist, their cells or names."""
         if self.given is None:
             return next((f"{self.files[file]}:{line}" for file, line in self.places_at(nodes).tolist()), self.path)
-        cell_map = self.given.cell_map
-        cell = np.empty(0, dtype=np.int64) if cell_map is None else self.given.cell_of_node()[nodes]
-        if cell_map is None or (cell < 0).all():
+        found = self.given.space_map
+        cell = np.empty(0, dtype=np.int64) if found is None else self.given.cell_of_node()[nodes]
+        if found is None or (cell < 0).all():
             return self.shown(nodes)
-        cells = np.transpose(np.unravel_index(cell[cell >= 0], cell_map.space.shape))
+        cells = np.transpose(np.unravel_index(cell[cell >= 0], found.space.shape))
         places = ["(" + ", ".join(map(str, place)) + ")" for place in cells[:SHOWN].tolist()]
         return f"cell{'s' if len(cells) > 1 else ''} {some(places, len(cells))}"
 

@@ -55,6 +55,10 @@ def paths() -> list[rg.Streamline]:
     return [small_planner().path(start) for start in ((0.5, 5.5), (6.5, 4.5))]
 
 
+def lattice_path(lattice: Any) -> rg.planning.NodePath:
+    return rg.plan(small_space(), lattice=lattice).path((6.5, 4.5))
+
+
 def trajectory() -> Any:
     return rg.time_parameterize(paths()[0], velocity_limits=1.0, acceleration_limits=2.0)
 
@@ -67,6 +71,10 @@ ALBUM: dict[str, Callable[[rg.control.Run], Any]] = {
     "paths": lambda _: rg.draw(paths(), k=[0.5, 0.5]),
     "page": lambda _: rg.plot.draw_summary(small_planner().field, paths(), title="Page"),
     "netlist": lambda _: rg.draw(rg.compile_space(small_space())),
+    "hexagonal lattice": lambda _: rg.draw(lattice_path("hexagonal").field),
+    "lattice with diagonals": lambda _: rg.draw(rg.compile_space(small_space(), lattice="square8")),
+    "node path": lambda _: rg.draw(lattice_path("square8")),
+    "page of a lattice": lambda _: rg.plot.draw_summary(lattice_path("hexagonal").field, [lattice_path("hexagonal")]),
     "circuit": lambda _: rg.draw(rg.solve(rg.compile_space(small_space(), boundary="neumann"))),
     "trajectory": lambda _: rg.draw(trajectory()),
     "speed": lambda _: rg.draw(trajectory(), quantity="speed"),

@@ -9,6 +9,7 @@ from string import Formatter
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid.core.lattice import SQUARE
 from resgrid.core.netlist import Netlist
 from resgrid.core.networkx_graphs import ELEMENTS
 from resgrid.errors import CircuitError, InputError
@@ -308,10 +309,11 @@ def _one_line_title(netlist: Netlist, title: str | None) -> str:
 
     `title`: text of the title; None for a description of the netlist.
     """
-    if title is None and netlist.cell_map is not None:
-        cells = " x ".join(str(cells) for cells in netlist.cell_map.space.shape)
-        leak = netlist.cell_map.wiring.leak
-        title = f"resistor grid of {cells} cells, {netlist.cell_map.wiring.boundary} boundary"
-        title += f", leak {leak:g}" if leak else ""
+    found = netlist.space_map
+    if title is None and found is not None:
+        cells, lattice = " x ".join(str(cells) for cells in found.space.shape), found.wiring.lattice
+        kind = "resistor grid of" if lattice == SQUARE else f"{lattice} lattice over"
+        title = f"{kind} {cells} cells, {found.wiring.boundary} boundary"
+        title += f", leak {found.wiring.leak:g}" if found.wiring.leak else ""
     words = " ".join((title or "").split())
     return "".join(letter if " " <= letter <= "~" else "?" for letter in words)[:_MAX_TITLE] or "resistor netlist"

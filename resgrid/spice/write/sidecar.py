@@ -204,10 +204,10 @@ def format_sidecar(deck_name: str, deck: FlatDeck, expected: Expected, more: Map
 def _node_lines(deck: FlatDeck, expected: Expected) -> Iterator[str]:
     """Yield one JSON line per node: coordinates of its cell (null without a cell) and expected voltage in volts."""
     cells = ["null"] * len(deck.nodes)
-    if deck.netlist.cell_map is not None:
+    if deck.netlist.space_map is not None:
         flat = deck.netlist.cell_of_node()[deck.nodes]
         own = np.flatnonzero(flat >= 0)
-        coordinates = np.transpose(np.unravel_index(flat[own], deck.netlist.cell_map.space.shape))
+        coordinates = np.transpose(np.unravel_index(flat[own], deck.netlist.space_map.space.shape))
         for node, cell in zip(own.tolist(), coordinates.tolist(), strict=True):
             cells[node] = str(cell)
     for name, cell in zip(deck.node_names, cells, strict=True):
