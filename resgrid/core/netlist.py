@@ -43,8 +43,6 @@ _FACES = {
 """Names of the fields of a `CellMap` with one entry per element, by kind of element: crossed face, and direction."""
 
 
-
-
 @frozen
 @dataclass(frozen=True, eq=False)
 class Netlist:
