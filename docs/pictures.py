@@ -131,6 +131,7 @@ PAGES = {
     "rooms": ("rooms", (50.5, 60.5), ""),
     "circuit": ("lesson", (3.0, 5.5), ""),
     "arm": ("chair", None, ""),
+    "lattice": ("lesson", (5.5, 5.33), ""),
     "settling": ("rooms", (50.5, 60.5), "16"),
 }
 """Pictures of the live page: the scene, the pointer position in cells, and a moment of the film."""
@@ -153,6 +154,9 @@ def draw_pages():
                     page.locator("#k").fill("600")
                     page.locator("#show-ends").check()
                     wait_for(page, f"{solved} && live.view.others.length === 2")
+                if name == "lattice":
+                    page.select_option("#lattice", "hexagonal")
+                    wait_for(page, solved)
                 if moment:
                     page.get_by_role("button", name="Show transient").click()
                     wait_for(page, "document.getElementById('time').textContent.endsWith('settled')")

@@ -214,9 +214,10 @@ def probe(frame: SolvedDrawing, cell: Sequence[int]) -> dict[str, Any]:
     or ``"goal"``; `conductivity`: relative conductivity; `potential`: normalised potential, 0 to 1, NaN in a cell
     without a node; `volts`: the same potential in volts; `drop_decades`: log10 of the drop, None without an obstacle
     rail; `amperes`: currents through the lower and the upper face across the first axis, then across the second,
-    positive along the axis, or, for other lattices than "square", `steps`: pairs of an arrow and the current along a
-    step to a neighbour, positive outwards; `bits`: converter bits that resolve the voltage step to the lowest
-    neighbour, or None; `exact`: whether the solution is direction-safe; `proved`: sentences on proved properties.
+    positive along the axis, or, for other lattices than "square", `steps`: lists of an arrow, the current along a step
+    to a neighbour, positive outwards, and whether paths take this step; `bits`: converter bits that resolve the voltage
+    step to the lowest neighbour, or None; `exact`: whether the solution is direction-safe; `proved`: sentences on
+    proved properties.
 
     `frame`: the solved drawing; `cell`: index along each axis.  Raises InputError for a cell outside the grid.
     """
@@ -250,7 +251,7 @@ def _currents_of(field: AnyField, index: tuple[int, int], unit: float) -> dict[s
     `index`: index of the cell along each axis; `unit`: unit of the field's currents, in amperes.
     """
     if isinstance(field, LatticeField):
-        return {"steps": [[arrow, unit * amperes] for arrow, amperes in step_currents(field, index)]}
+        return {"steps": [[arrow, unit * amperes, leads] for arrow, amperes, leads in step_currents(field, index)]}
     direction, log_current = field.faces_of(np.array([index]))
     return {"amperes": (unit * direction[:, 0].T * np.exp(log_current[:, 0].T)).ravel().tolist()}
 
@@ -266,7 +267,7 @@ def _proved(frame: SolvedDrawing, index: tuple[int, int]) -> list[str]:
         return []
     proved = ["current leaves to lower potential", "Kirchhoff's law holds to 1e-6"]
     if isinstance(frame.field, LatticeField):
-        proved = ["the largest current leads to a lower potential"]
+        proved = ["the largest current density leads to a lower potential"]
     for number, path in enumerate(frame.paths, 1):
         if path is not None and path.outcome is Outcome.REACHED and (path.cells == index).all(axis=1).any():
             proved.append(f"path {number} passes here, certified to goal {path.goal}")

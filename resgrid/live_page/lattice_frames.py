@@ -65,9 +65,10 @@ def flows(field: LatticeField) -> tuple[NDArray[np.float64], NDArray[np.float64]
 
 
 def step_currents(field: LatticeField, index: tuple[int, int]) -> list[list[Any]]:
-    """Return the currents from the node of a cell to its neighbours: lists of an arrow and the outward current.
+    """Return the currents from the node of a cell to its neighbours: lists of an arrow, outward current and path.
 
-    Currents are in units of supply / resistance.  `index`: index of the cell along each axis.
+    The last entry states whether paths take the step. Currents are in units of supply / resistance. `index`: index of
+    the cell along each axis.
     """
     site, lattice = int(sites_of_cells(field.lattice)[index]), field.lattice
     rows = []
@@ -78,8 +79,9 @@ def step_currents(field: LatticeField, index: tuple[int, int]) -> list[list[Any]
                 continue
             inward = np.exp(field.outward(step, -sense)[there])
             angle = float(np.arctan2(*(sense * _unit(lattice, step))[::-1]))
-            rows.append((angle % (2 * np.pi), float(np.exp(field.outward(step, sense)[site]) - inward)))
-    return [[_ARROWS[round(angle / (np.pi / 4)) % 8], amperes] for angle, amperes in sorted(rows)]
+            amperes = float(np.exp(field.outward(step, sense)[site]) - inward)
+            rows.append((angle % (2 * np.pi), amperes, bool(field.move[site] == 2 * step + (sense < 0))))
+    return [[_ARROWS[round(angle / (np.pi / 4)) % 8], *rest] for angle, *rest in sorted(rows)]
 
 
 def segments(op: OperatingPoint) -> dict[str, Any]:

@@ -73,7 +73,7 @@ def test_option_values_are_completed(words, begin, expected):
 def test_file_names_are_completed_by_the_shell():
     completion = ShellComplete(main, {}, "resgrid", "_RESGRID_COMPLETE")
     for words in (["run"], ["path", "-o"], ["check", "--deck"]):
-        assert [item.type for item in completion.get_completions(words, "ma")] == ["file"]
+        assert [item.type for item in completion.get_completions(words, "map")] == ["file"]
 
 
 def test_names_of_example_scenes_are_completed_together_with_files(tmp_path, monkeypatch):

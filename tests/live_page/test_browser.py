@@ -150,8 +150,8 @@ def test_a_lattice_shows_the_path_from_node_to_node_and_disables_what_needs_squa
     shown.keyboard.press("x")  # the key of a disabled tool
     assert shown.evaluate("live.tools.tool") == "draw"
     shown.mouse.move(*point_on(shown, (50.5, 50.5)))
-    until(shown, "document.getElementById('card').textContent.includes('↗')")
-    assert "the largest current leads to a lower potential" in shown.inner_text("#card")
+    until(shown, "document.getElementById('card').textContent.includes('next')")
+    assert "the largest current density leads to a lower potential" in shown.inner_text("#card")
     drag(shown, [(40, 20), (40, 60)])
     settle(shown)
     assert "✓ certified" in shown.inner_text("#quality")

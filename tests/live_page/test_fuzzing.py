@@ -13,7 +13,7 @@ import pytest
 from playwright.sync_api import Browser, CDPSession, Page
 from support.cli import COMMAND
 from support.fuzzing import act, rest
-from support.pages import kept, settle
+from support.pages import kept, open_example, settle
 
 ACTIONS = int(os.environ.get("RESGRID_PAGE_ACTIONS", "150"))
 SEED = int(os.environ.get("RESGRID_PAGE_SEED", "1"))
@@ -48,6 +48,15 @@ def measured(page: Page, developer: CDPSession, process: psutil.Process, first: 
     return heap["usedSize"], heap["backingStorageSize"], process.memory_info().rss
 
 
+def load_packages(page: Page) -> None:
+    """Let the server import its packages before the first measurement: open two examples, and save in every format."""
+    for name in ("scara", "rooms"):
+        open_example(page, name)
+        settle(page)
+    for kind in ("toml", "csv", "svg", "deck"):
+        page.evaluate("(format) => live.wire.ask({ type: 'save', format }, live.model.scene).then(() => 0)", kind)
+
+
 @pytest.mark.slow
 def test_random_actions_cause_no_errors_and_no_memory_growth(server: tuple[psutil.Process, str], chromium: Browser):
     process, url = server
@@ -60,6 +69,7 @@ def test_random_actions_cause_no_errors_and_no_memory_growth(server: tuple[psuti
     page.goto(f"{url}?tour=0")
     settle(page)
     first, developer, rng = kept(page), context.new_cdp_session(page), random.Random(SEED)
+    load_packages(page)
     figures = []
     for _ in range(PARTS):
         act(page, rng, ACTIONS // PARTS)

@@ -87,7 +87,7 @@ export function paintCircuit(view, circuit, ink) {
 export function paintSupplies(view, circuit, ink, colours) {
   const { context, ratio } = view, { supplies, fed, leak } = circuit, values = valuesOf(circuit), [x, y] = view.toPixels(sizeOf(/** @type {Scene} */ (view.scene)));
   const notes = values.length <= (circuit.segments ? 2 : 1) ? values.map((value) => `R = ${engineering(value, "Ω", 3)}`) : [circuit.segments ? "R: under the pointer" : "R: see symbols"];
-  if (circuit.contacts?.length) notes.push("↗ to the obstacles");
+  if (circuit.contacts?.length) notes.push("stubs: obstacle rail");
   if (fed !== null) notes.push(`↗ ${engineering(fed, "A", 3)} each`);
   if (leak !== null) notes.push(`↗ leak ${engineering(leak, "Ω", 3)}`);
   const say = (/** @type {string} */ text, /** @type {number} */ left, /** @type {number} */ top) => (

@@ -14,8 +14,8 @@ const SHOWN = [["dots", "Current as moving dots"], ["equipotentials", "Equipoten
 /** Value, text and explanation of every lattice. */
 const LATTICES = [
   ["square", "4 neighbours", "faces of cells; paths are streamlines"],
-  ["square8", "8 neighbours", "also across corners; paths lead from node to node along the largest current"],
-  ["hexagonal", "6 neighbours", "a triangular lattice; paths lead from node to node along the largest current"],
+  ["square8", "8 neighbours", "also across corners; paths lead from node to node along the largest current density"],
+  ["hexagonal", "6 neighbours", "a triangular lattice; paths lead from node to node along the largest current density"],
 ];
 
 /** @param {string} id @param {string} label @param {number} max @param {number} [min] */
@@ -232,7 +232,7 @@ export function rowsOf(about, scene) {
   if (about.kind !== "free" || about.potential == null) return [...rows, ["", about.kind === "free" ? "no path to a goal" : about.kind]];
   rows.push(["V", engineering(about.volts, "V")]);
   if (about.drop_decades != null) rows.push(["drop, log₁₀", signed(about.drop_decades)]);
-  for (const [arrow, amperes] of about.steps ?? []) rows.push([arrow, `${amperes > 0 ? "out" : amperes < 0 ? "in" : ""} ${engineering(Math.abs(amperes), "A")}`]);
+  for (const [arrow, amperes, isNext] of about.steps ?? []) rows.push([`${arrow}${isNext ? " next" : ""}`, `${amperes > 0 ? "out" : amperes < 0 ? "in" : ""} ${engineering(Math.abs(amperes), "A")}`]);
   if (about.amperes) ["left", "right", "below", "above"].forEach((side, n) => {
     const amperes = about.amperes[n] * (n % 2 ? 1 : -1), word = amperes > 0 ? "out" : amperes < 0 ? "in" : "";
     rows.push([side, `${word} ${engineering(Math.abs(amperes), "A")}`]);
