@@ -73,6 +73,22 @@ def test_a_leak_hangs_on_the_local_node_of_a_rail_with_resistance() -> None:
     np.testing.assert_allclose(field.potential, ideal.potential, atol=2e-3)
 
 
+@pytest.mark.parametrize("chip", [rg.Chip(rail_resistance=1e3), rg.Chip(rail_resistance=1e3, saturation_voltage=1e4)])
+@pytest.mark.parametrize("boundary", ["dirichlet", "neumann"])
+def test_every_leak_draws_its_current_through_the_resistance_of_the_rail(boundary: rg.Boundary, chip: rg.Chip) -> None:
+    """Open obstacles have no contacts with the rail, and saturating leaks are not among the linear resistors."""
+    netlist = rg.study(lesson(), chip, boundary=boundary, leak=LEAK).netlist
+    cells = netlist.cells
+    ends, face = netlist.resistor_nodes, cells.resistor_face
+    if chip.saturation_voltage:
+        ends, face = netlist.nonlinear_nodes, cells.nonlinear_face
+    own = face < -1
+    assert np.count_nonzero(own) == 56
+    assert np.array_equal(ends[own, 1], cells.rail_nodes["obstacle"].ravel()[-2 - face[own]])
+    drop = 1.0 - rg.solve(netlist).voltage[cells.rail_nodes["obstacle"]]
+    assert 0.01 < np.max(drop) < 1.0
+
+
 def test_open_and_shorted_leaks() -> None:
     space = lesson()
     opened = rg.study(space, rg.Chip(defects=rg.chip.Defects(open_density=0.2)), leak=LEAK).netlist

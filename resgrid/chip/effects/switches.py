@@ -180,7 +180,7 @@ class RailResistance(Effect):
         if self.ohms == 0:
             return netlist
         for rail in ("obstacle", "goal"):
-            if _on_rail(cells, rail).any():
+            if _on_rail(cells, rail).any() or (rail == "obstacle" and cells.wiring.leak):
                 netlist = _droop(netlist, rail, self.ohms)
         return netlist
 
@@ -205,10 +205,12 @@ def _droop(netlist: Netlist, rail: str, ohms: float) -> Netlist:
     netlist = netlist.replace(cell_map=dataclasses.replace(cells, rail_nodes=rail_nodes))
     local = np.full(netlist.node_count, -1, dtype=np.int64)
     local[cells.node[own]] = mesh[own]
-    resistor_nodes = netlist.resistor_nodes.copy()
-    switch = (netlist.cells.resistor_face < 0) & (resistor_nodes[:, 1] == pin) & (local[resistor_nodes[:, 0]] >= 0)
-    resistor_nodes[switch, 1] = local[resistor_nodes[switch, 0]]
-    netlist = select_elements(netlist.replace(resistor_nodes=resistor_nodes), "voltage source", ~wired)
+    linear, nonlinear = netlist.resistor_nodes.copy(), netlist.nonlinear_nodes.copy()
+    for ends, face in ((linear, cells.resistor_face), (nonlinear, cells.nonlinear_face)):
+        switch = (face < 0) & (ends[:, 1] == pin) & (local[ends[:, 0]] >= 0)
+        ends[switch, 1] = local[ends[switch, 0]]
+    netlist = netlist.replace(resistor_nodes=linear, nonlinear_nodes=nonlinear)
+    netlist = select_elements(netlist, "voltage source", ~wired)
     return add_elements(netlist, "resistor", _mesh_segments(mesh, pin), 1 / ohms)
 
 
