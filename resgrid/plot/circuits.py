@@ -145,7 +145,7 @@ def _draw_rails(netlist: Netlist, axes: Axes) -> None:
             add_swatch(axes, label, colour)
     named = [(Cell.GOAL, "black")] + [(Cell.OBSTACLE, "white")] * (cells.wiring.rails == "cells")
     for code, colour in named:  # each rail's name is written in its first square
-        places = np.argwhere(cells.space.cell == code)
+        places = np.argwhere((cells.space.cell == code) & (cells.node >= 0))
         nodes, first = np.unique(cells.node[tuple(places.T)], return_index=True)
         for name, place in zip(netlist.names_of(nodes), places[first] + 0.5, strict=True):
             x, y = (*place, 0.5)[:2]

@@ -34,6 +34,7 @@ SMALL = [[0, 0, 0], [0, 1, 0], [0, 0, 1], [0, 2, 0]]
         {"rails": "cells"},
         {"boundary": "wall", "wall_resistance": 5e4},
         {"boundary": "neumann"},
+        {"boundary": "neumann", "rails": "cells"},
         {"boundary": "neumann", "drive": "start", "start": (0, 0)},
     ],
 )
