@@ -194,7 +194,8 @@ class CollisionProbability:
     time, steps : ndarray of float64, shape of the space
         Expected time in units of ``R C`` and expected number of jumps until a goal or obstacle is hit, or a leak ends
         the walk (``G t = C``, ``G n = D 1`` with the diagonal ``D`` of ``G``).  0 on goals and obstacles; infinite in
-        cells that are connected to neither.
+        cells that are connected to neither.  With open obstacles, cells without a path to a goal have no node and thus
+        no leak: infinite.
     time_given_success, steps_given_success : ndarray of float64, shape of the space
         Expectations over the walks that hit a goal (``s / u`` with ``G s = C u`` or ``G s = D u``); NaN where
         ``u`` is 0.
