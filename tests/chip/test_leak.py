@@ -89,6 +89,17 @@ def test_every_leak_draws_its_current_through_the_resistance_of_the_rail(boundar
     assert 0.01 < np.max(drop) < 1.0
 
 
+def test_cells_without_a_path_leak_where_open_switches_give_them_nodes() -> None:
+    """A cut-off free cell is at the obstacle rail, since its leak conducts far more than the open switches around."""
+    cell = [[2, 0, 1, 0, 0]]
+    space = rg.ConfigurationSpace([rg.Axis("x", 0.0, 1.0, 1), rg.Axis("y", 0.0, 5.0, 5)], cell)
+    chip = rg.Chip(internodal_switch_on=1.0, internodal_switch_off=1e9)
+    netlist = rg.study(space, chip, boundary="neumann", leak=LEAK).netlist
+    voltage = rg.solve(netlist).voltage[netlist.cells.node[0]]
+    np.testing.assert_allclose(voltage[3:], 1.0, rtol=0, atol=1e-4)
+    assert voltage[1] < 0.5
+
+
 def test_open_and_shorted_leaks() -> None:
     space = lesson()
     opened = rg.study(space, rg.Chip(defects=rg.chip.Defects(open_density=0.2)), leak=LEAK).netlist

@@ -48,8 +48,8 @@ class InternodalSwitches(Effect):
 
     `on`: resistance of a closed switch in ohms, None for a wire; `off`: resistance of an open switch in ohms, None for
     no connection.  With open obstacles (``boundary="neumann"``), `off` gives nodes to obstacles and to cells without a
-    path to a goal.  Resistors that lead to these nodes keep their nominal values.  The field does not include the
-    leakage through these resistors: they are assigned to no cell face.
+    path to a goal.  Resistors that lead to these nodes, leaks included, keep their nominal values.  The field does not
+    include the leakage through these resistors: they are assigned to no cell face.
     """
 
     KEYS = {"on": "internodal_switch_on", "off": "internodal_switch_off"}
@@ -110,6 +110,9 @@ def _with_open_nodes(netlist: Netlist, on: float, off: float) -> Netlist:
     ends = full.cell_of_node()[full.resistor_nodes]
     new = ~np.isin(full.cells.resistor_face, cells.resistor_face)
     netlist = netlist.replace(cell_map=dataclasses.replace(netlist.cells, node=node))
+    if cells.wiring.leak:
+        leaking = to_node(node[missing & (cells.space.cell == Cell.FREE)], cells.obstacle_node)
+        netlist = add_elements(netlist, "resistor", leaking, cells.wiring.leak_conductance(cells.space.spacing))
     return add_elements(netlist, "resistor", node.ravel()[ends[new]], 1 / (1 / full.conductance[new] + off))
 
 
