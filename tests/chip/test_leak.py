@@ -31,7 +31,7 @@ def leaks(netlist: rg.Netlist) -> NDArray[np.bool_]:
 
 
 @pytest.mark.parametrize("boundary", ["dirichlet", "neumann"])
-def test_a_seed_draws_the_same_grid_with_and_without_leaks(boundary: rg.Boundary) -> None:
+def test_a_seed_draws_the_same_grid_with_and_without_leaks(boundary: str) -> None:
     chip = rg.Chip(mismatch=0.02, seed=5)
     plain, leaking = (rg.study(lesson(), chip, boundary=boundary, leak=leak) for leak in (0.0, LEAK))
     one = dict(zip(plain.netlist.cells.resistor_face.tolist(), plain.netlist.conductance.tolist(), strict=True))
@@ -75,7 +75,7 @@ def test_a_leak_hangs_on_the_local_node_of_a_rail_with_resistance() -> None:
 
 @pytest.mark.parametrize("chip", [rg.Chip(rail_resistance=1e3), rg.Chip(rail_resistance=1e3, saturation_voltage=1e4)])
 @pytest.mark.parametrize("boundary", ["dirichlet", "neumann"])
-def test_every_leak_draws_its_current_through_the_resistance_of_the_rail(boundary: rg.Boundary, chip: rg.Chip) -> None:
+def test_every_leak_draws_its_current_through_the_resistance_of_the_rail(boundary: str, chip: rg.Chip) -> None:
     """Open obstacles have no contacts with the rail, and saturating leaks are not among the linear resistors."""
     netlist = rg.study(lesson(), chip, boundary=boundary, leak=LEAK).netlist
     cells = netlist.cells
@@ -121,7 +121,7 @@ def test_saturating_leaks_have_the_small_signal_of_linear_ones() -> None:
 
 
 @pytest.mark.parametrize("boundary", ["dirichlet", "neumann"])
-def test_a_leak_shifts_every_rate_of_a_chip_with_equal_capacitors(boundary: rg.Boundary) -> None:
+def test_a_leak_shifts_every_rate_of_a_chip_with_equal_capacitors(boundary: str) -> None:
     """With ``C`` at every node, a leak adds ``leak h^2 / (R C)`` to every rate ``1 / tau``."""
     netlists = [rg.compile_space(lesson(), boundary=boundary, leak=leak) for leak in (0.0, LEAK)]
     rates = [1.0 / slowest_modes(dynamics_of(with_capacitors(netlist, 1e-12)), 6).tau for netlist in netlists]

@@ -197,7 +197,7 @@ def test_methods_and_threads_agree_with_leaks_on_larger_grids() -> None:
 
 
 @pytest.mark.parametrize("boundary", ["dirichlet", "neumann"])
-def test_the_estimate_that_chooses_the_method_contains_the_leak(boundary: rg.Boundary) -> None:
+def test_the_estimate_that_chooses_the_method_contains_the_leak(boundary: str) -> None:
     cell = np.zeros((50, 50), dtype=np.uint8)
     cell[0, 0] = GOAL
     for leak in (0.1, 1.0, 30.0):

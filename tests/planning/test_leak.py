@@ -113,7 +113,7 @@ def test_the_check_of_an_update_contains_the_leak(monkeypatch: pytest.MonkeyPatc
 
 
 @pytest.mark.parametrize("boundary", ["dirichlet", "neumann"])
-def test_warm_starts_include_the_leak(boundary: rg.Boundary) -> None:
+def test_warm_starts_include_the_leak(boundary: str) -> None:
     rng, cell = np.random.default_rng(1), np.zeros((70, 60), dtype=np.uint8)
     cell[40, 30] = GOAL
     warm = rg.circuit.WarmStart(boundary=boundary, leak=0.02, supply=2.0, goal_voltage=1.0, rtol=1e-12)
@@ -186,7 +186,7 @@ def test_a_simulated_walk_that_the_leak_kills_reaches_the_goal_with_the_probabil
 
 
 @pytest.mark.parametrize("boundary", ["dirichlet", "neumann"])
-def test_the_drop_is_the_laplace_transform_of_the_time_to_the_goal(boundary: rg.Boundary) -> None:
+def test_the_drop_is_the_laplace_transform_of_the_time_to_the_goal(boundary: str) -> None:
     """``-d log u / d (leak D)`` without a leak is the expected time of the walks that hit a goal."""
     space = scattered((12, 11), 4)
     before = rg.planning.collision_probability(rg.compile_space(space, boundary=boundary))
