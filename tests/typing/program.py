@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 import resgrid as rg
 
 
-def shortest(path: str, start: tuple[float, float]) -> float:
-    """Return the length of the streamline from a start on a map."""
-    planner: rg.planning.Planner = rg.plan(rg.read_scene(path), edge="open")
-    streamline: rg.Streamline = planner.path(start)
-    trajectory: rg.planning.Trajectory = rg.time_parameterize(rg.shortcut(streamline), velocity_limits=1.0)
+def shortest(file: str, start: tuple[float, float]) -> float:
+    """Return the length of the path from a start on a map."""
+    planner: rg.planning.Planner = rg.plan(rg.read_scene(file), edge="open")
+    path: rg.Streamline | rg.planning.NodePath = planner.path(start)
+    trajectory: rg.planning.Trajectory = rg.time_parameterize(rg.shortcut(path), velocity_limits=1.0)
     rg.save(trajectory, "path.csv")
-    return streamline.length
+    return path.length
 
 
 def voltages(space: rg.ConfigurationSpace, options: rg.WiringOptions) -> NDArray[np.float64]:
