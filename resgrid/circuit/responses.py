@@ -176,7 +176,7 @@ class SourceFreeCircuit:
         canonical(mantissa, exponent)
         ends = self.netlist.source_nodes
         tied = ends.max(axis=1, initial=0)
-        single = (ends.min(axis=1, initial=0) == GROUND) & (tied != GROUND)
+        single = (ends.min(axis=1) == GROUND) & (tied != GROUND)
         single &= np.bincount(ends.ravel(), minlength=self.netlist.node_count)[tied] == 1
         sign = np.where(ends[:, 0] == tied, 1.0, -1.0)
         found, scale = sign * mantissa[tied], np.where(single, exponent[tied], 0)

@@ -180,6 +180,13 @@ def test_rejected_inputs_name_the_remedy() -> None:
             rg.gradient(point, of, **options)  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize("ends", [(1, 2), (2, 1)])
+def test_floating_sources_beside_unequal_conductances_keep_small_derivatives(ends: tuple[int, int]) -> None:
+    netlist = rg.Netlist(3, [(1, 0), (2, 0)], [1.9e-12, 70.0], source_nodes=[ends], source_volts=[0.5])
+    found = rg.gradient(rg.solve(netlist), "voltage", at=2)
+    assert found.voltage == pytest.approx((ends[0] - ends[1]) * 1.9e-12 / (70.0 + 1.9e-12), rel=1e-12, abs=0.0)
+
+
 @pytest.mark.parametrize("siemens", [(1e-15, 1e15, 1e-15, 2e-15), (1e12, 1e-12, 1e12, 1e-12), (1.0, 1e-30, 1e30, 1.0)])
 def test_conductances_of_any_ratio_have_accurate_derivatives(siemens: tuple[float, ...]) -> None:
     """A ladder whose currents are tiny differences of large ones."""
