@@ -33,6 +33,10 @@ def place_weights(netlist: Netlist, at: Any, weights: ArrayLike | None, cells: b
     factors = np.ones(len(places)) if weights is None else np.atleast_1d(real_numbers("weights", weights))
     if factors.shape != (len(places),):
         raise InputError(f"weights has shape {factors.shape}; give one number for each of the {len(places)} places")
+    if not places:
+        raise InputError(f"at = {at!r} names no place; name at least one node or cell")
+    if not np.isfinite(factors).all():
+        raise InputError(f"weights = {factors.tolist()} must be finite numbers, one per place")
     for nodes, factor in zip(places, factors.tolist(), strict=True):
         np.add.at(seed, nodes, factor)
     return seed

@@ -159,7 +159,10 @@ def test_rejected_inputs_name_the_remedy() -> None:
     cases: list[tuple[str, object, object, dict[str, object]]] = [
         ("of = 'volts' must be 'voltage' or 'log_drop'", op, "volts", {"at": 3}),
         ("at is missing: give a node", op, "voltage", {}),
+        ("at = \\[\\] names no place", op, "voltage", {"at": []}),
+        ("weights = \\[nan\\] must be finite numbers", op, "voltage", {"at": 3, "weights": np.nan}),
         ("leaves no choice of places", op, np.zeros(7), {"at": 3}),
+        ("leave out at, weights, cost and cells", op, np.zeros(7), {"cells": True}),
         ("of shape \\(3,\\) must be 7 finite numbers", op, [1.0, 2.0, 3.0], {}),
         ("weights has shape \\(3,\\); give one number for each", op, "voltage", {"at": [3, 4], "weights": [1, 2, 3]}),
         ("the circuit has no node 99", op, "voltage", {"at": 99}),
@@ -178,6 +181,8 @@ def test_rejected_inputs_name_the_remedy() -> None:
     for message, point, of, options in cases:
         with pytest.raises(rg.InputError, match=message):
             rg.gradient(point, of, **options)  # type: ignore[arg-type]
+    with pytest.raises(rg.InputError, match="the seeds are missing; give voltage or log_drop"):
+        rg.circuit.pullback(op)
 
 
 @pytest.mark.parametrize("ends", [(1, 2), (2, 1)])
