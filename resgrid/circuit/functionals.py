@@ -70,7 +70,7 @@ def log_drops(op: OperatingPoint, weights: NDArray[np.float64], beyond: float = 
     if op.log_drop is None:
         raise InputError(
             "the circuit has no log_drop: exactly two known voltages must drive it, and the operating point must have "
-            "accuracy = 'direction'; with open obstacles choose of = 'voltage'"
+            "accuracy = 'direction'; with open obstacles choose of = 'voltage' or 'path_cost'"
         )
     drops = op.log_drop[weights != 0.0]
     undefined = ~np.isfinite(drops) & (drops != beyond)
