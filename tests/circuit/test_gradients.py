@@ -34,13 +34,14 @@ def random_ladders(draw: st.DrawFn) -> rg.Netlist:
     """Circuits of up to seven nodes with conductances of any magnitude, one grounded and one floating source."""
     nodes = draw(st.integers(3, 6))
     siemens = st.floats(-9, 9).map(lambda power: 10.0**power)
+    level = st.floats(-3, 3).map(lambda value: round(value, 9))  # below 1e-308, doubles lose digits
     pairs = [(node, draw(st.integers(0, node - 1))) for node in range(1, nodes)]
     pairs += draw(st.lists(st.tuples(st.integers(0, nodes - 1), st.integers(0, nodes - 1)), max_size=6))
     conductance = [draw(siemens) for _ in range(len(pairs) + 1)]
     return rg.Netlist(
         nodes + 1, [*pairs, (nodes, draw(st.integers(1, nodes - 1)))], conductance,
-        source_nodes=[(1, 0), (nodes, 2)], source_volts=[draw(st.floats(-2, 2)), draw(st.floats(-2, 2))],
-        current_nodes=[(0, draw(st.integers(1, nodes - 1)))], current_amps=[draw(st.floats(-3, 3))],
+        source_nodes=[(1, 0), (nodes, 2)], source_volts=[draw(level), draw(level)],
+        current_nodes=[(0, draw(st.integers(1, nodes - 1)))], current_amps=[draw(level)],
     )  # fmt: skip
 
 
