@@ -28,6 +28,10 @@ def place_weights(netlist: Netlist, at: Any, weights: ArrayLike | None, cells: b
     single = isinstance(at, str) or (cells and isinstance(at, tuple)) or not isinstance(at, Sequence | np.ndarray)
     if not single and getattr(at, "dtype", None) != np.bool_:
         places = [read.nodes(tuple(each) if np.iterable(each) and not isinstance(each, str) else each) for each in at]
+    elif cells and getattr(at, "dtype", None) == np.bool_:
+        read.nodes(at)
+        inside = netlist.cells.node[at]
+        places = [inside[inside >= 0]]  # a rail node counts once per cell, as in a list of cells
     else:
         places = [read.nodes(at)]
     factors = np.ones(len(places)) if weights is None else np.atleast_1d(real_numbers("weights", weights))

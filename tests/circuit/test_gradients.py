@@ -238,6 +238,14 @@ def test_places_are_nodes_names_masks_and_cells() -> None:
         np.testing.assert_allclose(other.conductance, wanted.conductance, rtol=1e-12)
 
 
+def test_a_mask_of_cells_counts_every_cell_of_a_merged_rail() -> None:
+    space = rg.ConfigurationSpace([rg.Axis("x", 0.0, 5.0, 5)], [2, 0, 1, 1, 0])
+    op = rg.solve(rg.compile_space(space))
+    mask, several = (rg.gradient(op, "voltage", at=at, cells=True) for at in (np.arange(5) % 4 >= 2, [(2,), (3,)]))
+    assert mask.value == several.value == 2.0
+    assert mask.voltage.tolist() == several.voltage.tolist()
+
+
 def test_weights_of_both_signs_give_the_difference_of_two_gradients() -> None:
     space = rough_space((160, 150), seed=1)
     op = rg.solve(rg.compile_space(space, resistance=1.0))
