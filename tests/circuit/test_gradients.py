@@ -193,6 +193,21 @@ def test_floating_sources_beside_unequal_conductances_keep_small_derivatives(end
     assert found.voltage == pytest.approx((ends[0] - ends[1]) * 1.9e-12 / (70.0 + 1.9e-12), rel=1e-12, abs=0.0)
 
 
+def test_floating_sources_at_different_depths_have_derivatives_of_different_scales() -> None:
+    """A ladder with a drop of 1e-401 and ammeters at three depths, whose derivatives are exact powers of its ratio."""
+    ratio, pairs, siemens, last, ammeters = 1e20, [], [], 2, []
+    for step in range(20):
+        if step in (1, 10, 18):
+            ammeters.append((last + 1, last))
+            pairs, siemens, last = [*pairs, (last, 1)], [*siemens, ratio], last + 1
+        pairs, siemens, last = [*pairs, (last, last + 1), (last + 1, 1)], [*siemens, 1.0, ratio], last + 1
+    netlist = rg.Netlist(
+        last + 1, pairs, siemens, source_nodes=[(1, 0), (2, 0), *ammeters], source_volts=[1.0, 0.25, 0.0, 0.0, 0.0]
+    )
+    found = rg.gradient(rg.solve(netlist), "log_drop", at=last)
+    assert found.voltage == pytest.approx([-np.inf, -4 / 3, -8e20 / 3, -16e200 / 3, -np.inf], rel=1e-12)
+
+
 @pytest.mark.parametrize("siemens", [(1e-15, 1e15, 1e-15, 2e-15), (1e12, 1e-12, 1e12, 1e-12), (1.0, 1e-30, 1e30, 1.0)])
 def test_conductances_of_any_ratio_have_accurate_derivatives(siemens: tuple[float, ...]) -> None:
     """A ladder whose currents are tiny differences of large ones."""
