@@ -28,11 +28,19 @@ def place_weights(netlist: Netlist, at: Any, weights: ArrayLike | None, cells: b
     single = isinstance(at, str) or (cells and isinstance(at, tuple)) or not isinstance(at, Sequence | np.ndarray)
     if not single and getattr(at, "dtype", None) != np.bool_:
         places = [read.nodes(tuple(each) if np.iterable(each) and not isinstance(each, str) else each) for each in at]
+    elif cells and getattr(at, "dtype", None) == np.bool_:
+        read.nodes(at)
+        inside = netlist.cells.node[at]
+        places = [inside[inside >= 0]]  # a rail node counts once per cell, as in a list of cells
     else:
         places = [read.nodes(at)]
     factors = np.ones(len(places)) if weights is None else np.atleast_1d(real_numbers("weights", weights))
     if factors.shape != (len(places),):
         raise InputError(f"weights has shape {factors.shape}; give one number for each of the {len(places)} places")
+    if not places:
+        raise InputError(f"at = {at!r} names no place; name at least one node or cell")
+    if not np.isfinite(factors).all():
+        raise InputError(f"weights = {factors.tolist()} must be finite numbers, one per place")
     for nodes, factor in zip(places, factors.tolist(), strict=True):
         np.add.at(seed, nodes, factor)
     return seed
@@ -66,7 +74,7 @@ def log_drops(op: OperatingPoint, weights: NDArray[np.float64], beyond: float = 
     if op.log_drop is None:
         raise InputError(
             "the circuit has no log_drop: exactly two known voltages must drive it, and the operating point must have "
-            "accuracy = 'direction'; with open obstacles choose of = 'voltage'"
+            "accuracy = 'direction'; with open obstacles choose of = 'voltage' or 'path_cost'"
         )
     drops = op.log_drop[weights != 0.0]
     undefined = ~np.isfinite(drops) & (drops != beyond)

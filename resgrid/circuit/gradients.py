@@ -100,8 +100,10 @@ def gradient(
     """
     check_method(method)
     if not isinstance(of, str):
-        if not (at is None and weights is None and cost is None):
-            raise InputError("an array of node weights leaves no choice of places; leave out at, weights and cost")
+        if not (at is None and weights is None and cost is None) or cells:
+            raise InputError(
+                "an array of node weights leaves no choice of places; leave out at, weights, cost and cells"
+            )
         return pullback(op, voltage=of, method=method)
     if cost is not None and not of.startswith("path_cost"):
         raise InputError(f"of = {of!r} has no cost of cells; leave out cost, or choose of = 'path_cost'")
@@ -146,7 +148,8 @@ def pullback(
     Raises
     ------
     InputError
-        If a seed has a wrong shape or is not finite, or a node with a seed other than 0 floats or has no drop.
+        If both seeds are missing, a seed has a wrong shape or is not finite, or a node with a seed other than 0 floats
+        or has no drop.
     AccuracyError
         If the accuracy of the adjoint is not reached.
     BudgetError
@@ -163,6 +166,8 @@ def pullback(
     array([-250.        ,   83.33333333])
     """
     check_method(method)
+    if voltage is None and log_drop is None:
+        raise InputError("the seeds are missing; give voltage or log_drop, with one number per node")
     volts, logs = (checked_seeds(op, name, seed) for name, seed in (("voltage", voltage), ("log_drop", log_drop)))
     seeds = volts, np.zeros(op.netlist.node_count, dtype=np.int64)
     value = float(volts[volts != 0.0] @ op.voltage[volts != 0.0])

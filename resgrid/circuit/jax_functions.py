@@ -19,6 +19,7 @@ from resgrid.core.compiler import compile_space
 from resgrid.core.netlist import Netlist
 from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError, ToolMissingError
+from resgrid.solvers.method_choice import check_method
 
 Output = Literal["voltage", "log_drop"]
 Input = Literal["conductance", "conductivity", "voltage", "current"]
@@ -62,8 +63,9 @@ def jax_solver(
     Raises
     ------
     InputError
-        If an input is unknown, missing or given twice, conductances and conductivities are both inputs, or the
-        conductances of the netlist are not those of its compiled space; or, in a call, jax has no float64 numbers.
+        If the method or an input is unknown, an input is missing or given twice, conductances and conductivities are
+        both inputs, or the conductances of the netlist are not those of its compiled space; or, in a call, jax has no
+        float64 numbers.
     ToolMissingError
         If jax is not installed.
 
@@ -76,6 +78,7 @@ def jax_solver(
     >>> jax.grad(lambda g: voltages(g)[2])(divider.conductance)
     Array([ 375., -125.], dtype=float64)
     """
+    check_method(method)
     jax = _imported_jax()
     host = _Host(netlist_of(netlist), output, _checked_inputs(inputs), method)
     if "conductivity" in host.inputs:

@@ -176,18 +176,30 @@ class SourceFreeCircuit:
         canonical(mantissa, exponent)
         ends = self.netlist.source_nodes
         tied = ends.max(axis=1, initial=0)
-        single = (ends.min(axis=1, initial=0) == GROUND) & (tied != GROUND)
+        single = (ends.min(axis=1) == GROUND) & (tied != GROUND)
         single &= np.bincount(ends.ravel(), minlength=self.netlist.node_count)[tied] == 1
         sign = np.where(ends[:, 0] == tied, 1.0, -1.0)
         found, scale = sign * mantissa[tied], np.where(single, exponent[tied], 0)
         if not single.all():
-            at_sources = np.unique(ends)
-            flows = mantissa[at_sources] != 0.0
-            scale[~single] = unit = int(exponent[at_sources][flows].max(initial=0))
+            unit = self._exponents_of_trees(exponent, mantissa != 0.0, frame, through != 0.0)
+            scale[~single] = unit[tied[~single]]
             own = mantissa * power(exponent - unit)
             largest = np.maximum(np.abs(own), through * power(frame - unit))
             found[~single] = source_currents(self.netlist, self.forest, -own, largest)[~single]
         return found, scale
+
+    def _exponents_of_trees(
+        self, net: NDArray[np.int64], flows: NDArray[np.bool_], through: NDArray[np.int64], passes: NDArray[np.bool_]
+    ) -> NDArray[np.int64]:
+        """Return the largest exponent of the currents in the tree of sources of every node, (nodes,).
+
+        `net`, `through` (nodes,): exponents of net and of through-currents; `flows`, `passes`: where these are not 0.
+        """
+        base, unit = np.arange(len(net)), np.full(len(net), _NO_EXPONENT)
+        base[self.forest.order] = self.forest.base
+        for exponent, present in ((net, flows), (through, passes)):
+            np.maximum.at(unit, base[present], exponent[present])
+        return np.asarray(np.where(unit == _NO_EXPONENT, 0, unit)[base])
 
 
 def _returning(amps: Numbers) -> Numbers:

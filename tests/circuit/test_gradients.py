@@ -34,13 +34,14 @@ def random_ladders(draw: st.DrawFn) -> rg.Netlist:
     """Circuits of up to seven nodes with conductances of any magnitude, one grounded and one floating source."""
     nodes = draw(st.integers(3, 6))
     siemens = st.floats(-9, 9).map(lambda power: 10.0**power)
+    level = st.floats(-3, 3).map(lambda value: round(value, 9))  # below 1e-308, doubles lose digits
     pairs = [(node, draw(st.integers(0, node - 1))) for node in range(1, nodes)]
     pairs += draw(st.lists(st.tuples(st.integers(0, nodes - 1), st.integers(0, nodes - 1)), max_size=6))
     conductance = [draw(siemens) for _ in range(len(pairs) + 1)]
     return rg.Netlist(
         nodes + 1, [*pairs, (nodes, draw(st.integers(1, nodes - 1)))], conductance,
-        source_nodes=[(1, 0), (nodes, 2)], source_volts=[draw(st.floats(-2, 2)), draw(st.floats(-2, 2))],
-        current_nodes=[(0, draw(st.integers(1, nodes - 1)))], current_amps=[draw(st.floats(-3, 3))],
+        source_nodes=[(1, 0), (nodes, 2)], source_volts=[draw(level), draw(level)],
+        current_nodes=[(0, draw(st.integers(1, nodes - 1)))], current_amps=[draw(level)],
     )  # fmt: skip
 
 
@@ -159,7 +160,10 @@ def test_rejected_inputs_name_the_remedy() -> None:
     cases: list[tuple[str, object, object, dict[str, object]]] = [
         ("of = 'volts' must be 'voltage' or 'log_drop'", op, "volts", {"at": 3}),
         ("at is missing: give a node", op, "voltage", {}),
+        ("at = \\[\\] names no place", op, "voltage", {"at": []}),
+        ("weights = \\[nan\\] must be finite numbers", op, "voltage", {"at": 3, "weights": np.nan}),
         ("leaves no choice of places", op, np.zeros(7), {"at": 3}),
+        ("leave out at, weights, cost and cells", op, np.zeros(7), {"cells": True}),
         ("of shape \\(3,\\) must be 7 finite numbers", op, [1.0, 2.0, 3.0], {}),
         ("weights has shape \\(3,\\); give one number for each", op, "voltage", {"at": [3, 4], "weights": [1, 2, 3]}),
         ("the circuit has no node 99", op, "voltage", {"at": 99}),
@@ -178,6 +182,30 @@ def test_rejected_inputs_name_the_remedy() -> None:
     for message, point, of, options in cases:
         with pytest.raises(rg.InputError, match=message):
             rg.gradient(point, of, **options)  # type: ignore[arg-type]
+    with pytest.raises(rg.InputError, match="the seeds are missing; give voltage or log_drop"):
+        rg.circuit.pullback(op)
+
+
+@pytest.mark.parametrize("ends", [(1, 2), (2, 1)])
+def test_floating_sources_beside_unequal_conductances_keep_small_derivatives(ends: tuple[int, int]) -> None:
+    netlist = rg.Netlist(3, [(1, 0), (2, 0)], [1.9e-12, 70.0], source_nodes=[ends], source_volts=[0.5])
+    found = rg.gradient(rg.solve(netlist), "voltage", at=2)
+    assert found.voltage == pytest.approx((ends[0] - ends[1]) * 1.9e-12 / (70.0 + 1.9e-12), rel=1e-12, abs=0.0)
+
+
+def test_floating_sources_at_different_depths_have_derivatives_of_different_scales() -> None:
+    """A ladder with a drop of 1e-401 and ammeters at three depths, whose derivatives are exact powers of its ratio."""
+    ratio, pairs, siemens, last, ammeters = 1e20, [], [], 2, []
+    for step in range(20):
+        if step in (1, 10, 18):
+            ammeters.append((last + 1, last))
+            pairs, siemens, last = [*pairs, (last, 1)], [*siemens, ratio], last + 1
+        pairs, siemens, last = [*pairs, (last, last + 1), (last + 1, 1)], [*siemens, 1.0, ratio], last + 1
+    netlist = rg.Netlist(
+        last + 1, pairs, siemens, source_nodes=[(1, 0), (2, 0), *ammeters], source_volts=[1.0, 0.25, 0.0, 0.0, 0.0]
+    )
+    found = rg.gradient(rg.solve(netlist), "log_drop", at=last)
+    assert found.voltage == pytest.approx([-np.inf, -4 / 3, -8e20 / 3, -16e200 / 3, -np.inf], rel=1e-12)
 
 
 @pytest.mark.parametrize("siemens", [(1e-15, 1e15, 1e-15, 2e-15), (1e12, 1e-12, 1e12, 1e-12), (1.0, 1e-30, 1e30, 1.0)])
@@ -223,6 +251,14 @@ def test_places_are_nodes_names_masks_and_cells() -> None:
     for other in others:
         assert other.value == pytest.approx(wanted.value, rel=1e-15)
         np.testing.assert_allclose(other.conductance, wanted.conductance, rtol=1e-12)
+
+
+def test_a_mask_of_cells_counts_every_cell_of_a_merged_rail() -> None:
+    space = rg.ConfigurationSpace([rg.Axis("x", 0.0, 5.0, 5)], [2, 0, 1, 1, 0])
+    op = rg.solve(rg.compile_space(space))
+    mask, several = (rg.gradient(op, "voltage", at=at, cells=True) for at in (np.arange(5) % 4 >= 2, [(2,), (3,)]))
+    assert mask.value == several.value == 2.0
+    assert mask.voltage.tolist() == several.voltage.tolist()
 
 
 def test_weights_of_both_signs_give_the_difference_of_two_gradients() -> None:

@@ -85,6 +85,8 @@ def test_rejected_calls_name_the_remedy() -> None:
     netlist = bridge()
     with pytest.raises(rg.InputError, match="must name each input once"):
         rg.circuit.jax_solver(netlist, inputs=("conductance", "conductivity"))
+    with pytest.raises(rg.InputError, match="method = 'fast' is unknown"):
+        rg.circuit.jax_solver(netlist, method="fast")
     with pytest.raises(rg.InputError, match="not compiled from a space"):
         rg.circuit.jax_solver(netlist, inputs=("conductivity",))
     compiled = rg.compile_space(rg.build_space(rg.read_scene("lesson.toml")))
