@@ -169,6 +169,16 @@ def test_a_state_rests_at_a_limit_until_the_current_reverses() -> None:
     assert found.state[-1, 0] == pytest.approx(0.0, abs=1e-10)
 
 
+@pytest.mark.parametrize("end", [1e20, 1e300])
+@pytest.mark.parametrize("window", ["rectangular", "joglekar"])
+def test_a_state_may_switch_in_any_fraction_of_the_time(end: float, window: str) -> None:
+    own = law(initial=0.3, window=window)
+    found = run(loop(), own, times=[0.2, end], tolerance=1e-6)
+    assert found.state[0] == pytest.approx(run(loop(), own, times=[0.2]).state[0], abs=1e-6)
+    assert found.state[1] == pytest.approx(1.0)
+    assert found.charge[1] == pytest.approx(end / own.on_resistance)
+
+
 def test_the_error_falls_with_the_tolerance() -> None:
     wanted = state_at_constant_voltage(LAW, 1.0, TIMES)
     for tolerance in (1e-3, 1e-5, 1e-7, 1e-9):
