@@ -25,6 +25,11 @@ def law(**changes: object) -> rg.circuit.Memristor:
     return rg.circuit.Memristor(**{**fields, **changes})
 
 
+def film(**changes: object) -> rg.circuit.Memristor:
+    """Return the law of a film with changed measures."""
+    return rg.circuit.Memristor.thin_film(100.0, 16e3, **{"mobility": 1e-14, "thickness": 1e-8, **changes})
+
+
 def run(netlist: rg.Netlist, own: rg.circuit.Memristor = LAW, **options: object) -> rg.circuit.MemristiveTransient:
     """Return the transient of a netlist of memristors, with a tolerance of 1e-10."""
     circuit = {name: options.pop(name) for name in ("memristors", "polarity", "state") if name in options}
@@ -233,6 +238,13 @@ def test_progress_is_reported_and_can_stop_the_integration() -> None:
         (lambda: rg.circuit.Memristor(100.0, 10.0, 1e4), "on_resistance = 100 ohm must be below off_resistance = 10"),
         (lambda: rg.circuit.Memristor(100.0, 1e3, 0.0), "rate = 0.0 must be a finite number above 0"),
         (lambda: law(initial=1.5), "initial = 1.5"),
+        (lambda: film(thickness=0.0), "thickness = 0.0 must be a finite number above 0"),
+        (lambda: film(thickness=-1e-8), "thickness = -1e-08 must be"),
+        (lambda: film(thickness="10n"), "thickness = '10n' must be"),
+        (lambda: film(mobility=-1e-14), "mobility = -1e-14 must be"),
+        (lambda: film(thickness=1e-200), "rate = inf must be"),
+        (lambda: rg.circuit.MemristiveCircuit.antiparallel(None, LAW), "netlist = None must be a Netlist"),
+        (lambda: rg.circuit.MemristiveCircuit.antiparallel(LAW, loop()), "netlist = <a Memristor> must be"),
         (lambda: law(window="joglekar"), "would never change"),
         (lambda: LAW.resistance([0.5, 2.0]), "numbers from 0"),
         (lambda: run(loop(), state=-0.1), "state = -0.1 of memristor 0 must lie between 0"),

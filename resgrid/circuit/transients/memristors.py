@@ -19,7 +19,7 @@ import numpy as np
 from annotated_types import Ge, Le
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid._internal.numbers import Positive, real_numbers
+from resgrid._internal.numbers import Positive, check_number, real_numbers
 from resgrid._internal.validation import checked
 from resgrid._internal.values import frozen
 from resgrid.core.netlist import Netlist, add_elements, crossed_by
@@ -106,13 +106,20 @@ class Memristor:
         -------
         Memristor
 
+        Raises
+        ------
+        InputError
+            If a number is not admissible.
+
         Examples
         --------
         >>> film = rg.circuit.Memristor.thin_film(100.0, 16e3, mobility=1e-14, thickness=1e-8)
         >>> round(film.rate)
         10000
         """
-        rate = mobility * on_resistance / thickness**2
+        for name, value in (("on_resistance", on_resistance), ("mobility", mobility), ("thickness", thickness)):
+            check_number(name, value, "a finite number above 0", above=0)
+        rate = mobility * on_resistance / thickness / thickness
         return cls(on_resistance, off_resistance, rate, window=window, exponent=exponent, initial=initial)
 
     def resistance(self, state: ArrayLike) -> NDArray[np.float64]:
@@ -222,7 +229,8 @@ class MemristiveCircuit:
         >>> rg.circuit.MemristiveCircuit.antiparallel(loop, law).polarity
         array([ 1., -1.])
         """
-        count = len(netlist.conductance)
+        single = cls(netlist, law)  # checks the types
+        count = len(single.memristors)
         chosen = _chosen_resistors(memristors, count)
         crossed = {key: value[chosen] for key, value in crossed_by(netlist, "resistor").items()}
         siemens = netlist.conductance[chosen]
