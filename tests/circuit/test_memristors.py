@@ -209,6 +209,21 @@ def test_a_compiled_grid_starts_from_its_operating_point() -> None:
     assert circuit.netlist.cells.resistor_face.shape == (len(circuit.netlist.conductance),)
 
 
+def test_a_cost_map_is_rejected() -> None:
+    cell = np.zeros((3, 2), dtype=np.uint8)
+    cell[2, 1] = 2
+    plain = space_of(cell)
+    for cost, is_rejected in ((np.full((3, 2), 2.0), False), (1.0 + np.arange(6.0).reshape(3, 2), True)):
+        space = rg.ConfigurationSpace(plain.axes, cell, conductivity=cost)
+        netlist = rg.compile_space(space, boundary="neumann", drive="start", start=(0, 0))
+        for make in (rg.circuit.MemristiveCircuit, rg.circuit.MemristiveCircuit.antiparallel):
+            if is_rejected:
+                with pytest.raises(rg.InputError, match="the netlist has a cost map"):
+                    make(netlist, LAW)
+            else:
+                assert (make(netlist, LAW).netlist.conductance == 1 / LAW.off_resistance).all()
+
+
 def test_floating_nodes_have_no_voltage_and_floating_sources_are_kept() -> None:
     netlist = rg.Netlist(7, [[1, 2], [3, 0], [5, 6]], [1.0] * 3, source_nodes=[[1, 0], [3, 2]], source_volts=[1.0, 0.5])
     found = run(netlist, times=[0.1, 0.2])

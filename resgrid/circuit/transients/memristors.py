@@ -139,7 +139,7 @@ class MemristiveCircuit:
     Parameters
     ----------
     netlist : Netlist
-        Circuit without nonlinear resistors; the conductances of the memristors are replaced.
+        Circuit without nonlinear resistors and cost map; the conductances of the memristors are replaced.
     law : Memristor
         Law of all memristors.
     memristors : array_like of int, shape (m,), optional
@@ -161,8 +161,8 @@ class MemristiveCircuit:
     Raises
     ------
     InputError
-        If the netlist has nonlinear resistors, a resistor does not exist or is named twice, or a polarity or a state is
-        not admissible.
+        If the netlist has nonlinear resistors or a cost map, a resistor does not exist or is named twice, or a polarity
+        or a state is not admissible.
 
     Examples
     --------
@@ -185,6 +185,7 @@ class MemristiveCircuit:
                 f"the netlist has {len(self.netlist.nonlinear_current)} nonlinear resistors, which cannot be combined "
                 "with memristors; replace them with resistors"
             )
+        _check_cost_map(self.netlist)
         chosen = _chosen_resistors(self.memristors, count)
         polarity = _per_memristor("polarity", self.polarity, len(chosen))
         if not np.all(np.abs(polarity) == 1):
@@ -279,6 +280,16 @@ def _check_state(law: Memristor, state: NDArray[np.float64], name: str) -> None:
         raise InputError(
             f"{name} = {state[stuck[0]]} of memristor {stuck[0]} would never change, because the Joglekar window is 0 "
             "there; choose a state between 0 and 1, such as 0.01"
+        )
+
+
+def _check_cost_map(netlist: Netlist) -> None:
+    """Raise InputError for a netlist of a space with a cost map, because the law replaces the conductances."""
+    cost_map = None if netlist.cell_map is None else netlist.cell_map.space.conductivity
+    if cost_map is not None and np.ptp(cost_map) > 0:
+        raise InputError(
+            "the netlist has a cost map (conductivity), which the law of the memristors would replace; compile the "
+            "space without conductivity"
         )
 
 
