@@ -34,11 +34,13 @@ def draw_memristive(
 
     `ax`: axes to draw on, by default those of a new figure; `quantity`: "map", "states", or "auto" for a map of a grid
     with two axes and for states otherwise; `at`: index of the output time of a map.  Raise InputError for a map of
-    another circuit, and for an index that does not exist.
+    another circuit, for an index that does not exist, and for an index with a picture of states.
     """
     cells = result.circuit.netlist.cell_map
     is_grid = cells is not None and cells.space.ndim == 2
     if quantity == "states" or (quantity == "auto" and not is_grid):
+        if at != -1:
+            raise InputError(f"at = {at} chooses the output time of a map; states are drawn over all times, so omit at")
         return _draw_states(result, axes_or_new(ax, 0.7))
     if cells is None or not is_grid:
         raise InputError("quantity = 'map' needs a netlist compiled from a space with two axes; use 'states'")

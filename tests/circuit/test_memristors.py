@@ -25,6 +25,11 @@ def law(**changes: object) -> rg.circuit.Memristor:
     return rg.circuit.Memristor(**{**fields, **changes})
 
 
+def film(**changes: object) -> rg.circuit.Memristor:
+    """Return the law of a film with changed measures."""
+    return rg.circuit.Memristor.thin_film(100.0, 16e3, **{"mobility": 1e-14, "thickness": 1e-8, **changes})
+
+
 def run(netlist: rg.Netlist, own: rg.circuit.Memristor = LAW, **options: object) -> rg.circuit.MemristiveTransient:
     """Return the transient of a netlist of memristors, with a tolerance of 1e-10."""
     circuit = {name: options.pop(name) for name in ("memristors", "polarity", "state") if name in options}
@@ -169,6 +174,16 @@ def test_a_state_rests_at_a_limit_until_the_current_reverses() -> None:
     assert found.state[-1, 0] == pytest.approx(0.0, abs=1e-10)
 
 
+@pytest.mark.parametrize("end", [1e20, 1e300])
+@pytest.mark.parametrize("window", ["rectangular", "joglekar"])
+def test_a_state_may_switch_in_any_fraction_of_the_time(end: float, window: str) -> None:
+    own = law(initial=0.3, window=window)
+    found = run(loop(), own, times=[0.2, end], tolerance=1e-6)
+    assert found.state[0] == pytest.approx(run(loop(), own, times=[0.2]).state[0], abs=1e-6)
+    assert found.state[1] == pytest.approx(1.0)
+    assert found.charge[1] == pytest.approx(end / own.on_resistance)
+
+
 def test_the_error_falls_with_the_tolerance() -> None:
     wanted = state_at_constant_voltage(LAW, 1.0, TIMES)
     for tolerance in (1e-3, 1e-5, 1e-7, 1e-9):
@@ -192,6 +207,21 @@ def test_a_compiled_grid_starts_from_its_operating_point() -> None:
     assert np.allclose(found.voltage[0], rg.solve(circuit.netlist).voltage, atol=1e-12)
     assert np.allclose(found.voltage[1], rg.solve(circuit.netlist_at(found.state[1])).voltage, atol=1e-12)
     assert circuit.netlist.cells.resistor_face.shape == (len(circuit.netlist.conductance),)
+
+
+def test_a_cost_map_is_rejected() -> None:
+    cell = np.zeros((3, 2), dtype=np.uint8)
+    cell[2, 1] = 2
+    plain = space_of(cell)
+    for cost, is_rejected in ((np.full((3, 2), 2.0), False), (1.0 + np.arange(6.0).reshape(3, 2), True)):
+        space = rg.ConfigurationSpace(plain.axes, cell, conductivity=cost)
+        netlist = rg.compile_space(space, boundary="neumann", drive="start", start=(0, 0))
+        for make in (rg.circuit.MemristiveCircuit, rg.circuit.MemristiveCircuit.antiparallel):
+            if is_rejected:
+                with pytest.raises(rg.InputError, match="the netlist has a cost map"):
+                    make(netlist, LAW)
+            else:
+                assert (make(netlist, LAW).netlist.conductance == 1 / LAW.off_resistance).all()
 
 
 def test_floating_nodes_have_no_voltage_and_floating_sources_are_kept() -> None:
@@ -223,6 +253,13 @@ def test_progress_is_reported_and_can_stop_the_integration() -> None:
         (lambda: rg.circuit.Memristor(100.0, 10.0, 1e4), "on_resistance = 100 ohm must be below off_resistance = 10"),
         (lambda: rg.circuit.Memristor(100.0, 1e3, 0.0), "rate = 0.0 must be a finite number above 0"),
         (lambda: law(initial=1.5), "initial = 1.5"),
+        (lambda: film(thickness=0.0), "thickness = 0.0 must be a finite number above 0"),
+        (lambda: film(thickness=-1e-8), "thickness = -1e-08 must be"),
+        (lambda: film(thickness="10n"), "thickness = '10n' must be"),
+        (lambda: film(mobility=-1e-14), "mobility = -1e-14 must be"),
+        (lambda: film(thickness=1e-200), "rate = inf must be"),
+        (lambda: rg.circuit.MemristiveCircuit.antiparallel(None, LAW), "netlist = None must be a Netlist"),
+        (lambda: rg.circuit.MemristiveCircuit.antiparallel(LAW, loop()), "netlist = <a Memristor> must be"),
         (lambda: law(window="joglekar"), "would never change"),
         (lambda: LAW.resistance([0.5, 2.0]), "numbers from 0"),
         (lambda: run(loop(), state=-0.1), "state = -0.1 of memristor 0 must lie between 0"),

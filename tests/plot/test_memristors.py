@@ -43,3 +43,10 @@ def test_states_are_drawn_over_time_where_there_is_no_grid() -> None:
         rg.draw(run, quantity="map")
     with pytest.raises(rg.InputError, match="at = 3 is not the index of one of the 3 output times"):
         rg.draw(grid_run(), at=3)
+
+
+def test_a_picture_of_states_rejects_an_output_time() -> None:
+    run = rg.circuit.memristive_transient(rg.circuit.MemristiveCircuit(loop(), LAW), [0.0, 0.5, 1.0])
+    for options in ({}, {"quantity": "states"}):
+        with pytest.raises(rg.InputError, match="at = 1 chooses the output time of a map"):
+            rg.draw(run, at=1, **options)

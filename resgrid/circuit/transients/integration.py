@@ -32,7 +32,10 @@ _GROWTH = 2.0
 """Largest product of a step and the growth rate of a state."""
 
 _LEAST_STEP = 1e-24
-"""Smallest length of a step, as a fraction of the end time, below which the integration fails.
+"""Smallest length of a step, as a fraction of the present time, below which the integration fails.
+
+At time 0 the length proposed for the first step takes the place of the present time.  The end time would be a wrong
+scale: states may change in a small fraction of a long transient.
 
 Steps far below the resolution of the time are useful: a state is integrated over the length of the step, and close to a
 limit it can change much in so short a time.
@@ -93,6 +96,7 @@ class Integration:
         moving = self.equations.coordinates.can_move(at.state, drift)
         proposed = h if np.isfinite(h) else self._first_length(drift)
         used = min(proposed, self._longest(at, drive, drift, moving))
+        least = _LEAST_STEP * (now or min(used, self.end))
         while True:
             is_last = used >= (until - now) * (1 - 1e-10)
             used = until - now if is_last else used
@@ -106,7 +110,7 @@ class Integration:
                 used = tried.shorter
             else:
                 break
-            if used < _LEAST_STEP * self.end:
+            if used < least:
                 raise AccuracyError(
                     f"the states after {now:.3g} s cannot be computed to tolerance = {self.tolerance:g}: the steps "
                     "become too short; choose a larger tolerance"
@@ -164,7 +168,7 @@ class Integration:
         step; `drifts`: their drifts in 1/s.
         """
         x0, x1 = (end - self.equations.coordinates.half for end in ends)
-        crossing = np.flatnonzero(np.isnan(self.switched) & (x0 * x1 <= 0) & (x0 != x1))
+        crossing = np.flatnonzero(np.isnan(self.switched) & (np.sign(x0) * np.sign(x1) <= 0) & (x0 != x1))
         if not crossing.size:
             return
         x0, x1, d0, d1 = x0[crossing], x1[crossing], h * drifts[0][crossing], h * drifts[1][crossing]

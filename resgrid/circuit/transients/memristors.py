@@ -19,7 +19,7 @@ import numpy as np
 from annotated_types import Ge, Le
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid._internal.numbers import Positive, real_numbers
+from resgrid._internal.numbers import Positive, check_number, real_numbers
 from resgrid._internal.validation import checked
 from resgrid._internal.values import frozen
 from resgrid.core.netlist import Netlist, add_elements, crossed_by
@@ -106,13 +106,20 @@ class Memristor:
         -------
         Memristor
 
+        Raises
+        ------
+        InputError
+            If a number is not admissible.
+
         Examples
         --------
         >>> film = rg.circuit.Memristor.thin_film(100.0, 16e3, mobility=1e-14, thickness=1e-8)
         >>> round(film.rate)
         10000
         """
-        rate = mobility * on_resistance / thickness**2
+        for name, value in (("on_resistance", on_resistance), ("mobility", mobility), ("thickness", thickness)):
+            check_number(name, value, "a finite number above 0", above=0)
+        rate = mobility * on_resistance / thickness / thickness
         return cls(on_resistance, off_resistance, rate, window=window, exponent=exponent, initial=initial)
 
     def resistance(self, state: ArrayLike) -> NDArray[np.float64]:
@@ -132,7 +139,7 @@ class MemristiveCircuit:
     Parameters
     ----------
     netlist : Netlist
-        Circuit without nonlinear resistors; the conductances of the memristors are replaced.
+        Circuit without nonlinear resistors and cost map; the conductances of the memristors are replaced.
     law : Memristor
         Law of all memristors.
     memristors : array_like of int, shape (m,), optional
@@ -154,8 +161,8 @@ class MemristiveCircuit:
     Raises
     ------
     InputError
-        If the netlist has nonlinear resistors, a resistor does not exist or is named twice, or a polarity or a state is
-        not admissible.
+        If the netlist has nonlinear resistors or a cost map, a resistor does not exist or is named twice, or a polarity
+        or a state is not admissible.
 
     Examples
     --------
@@ -178,6 +185,7 @@ class MemristiveCircuit:
                 f"the netlist has {len(self.netlist.nonlinear_current)} nonlinear resistors, which cannot be combined "
                 "with memristors; replace them with resistors"
             )
+        _check_cost_map(self.netlist)
         chosen = _chosen_resistors(self.memristors, count)
         polarity = _per_memristor("polarity", self.polarity, len(chosen))
         if not np.all(np.abs(polarity) == 1):
@@ -222,7 +230,8 @@ class MemristiveCircuit:
         >>> rg.circuit.MemristiveCircuit.antiparallel(loop, law).polarity
         array([ 1., -1.])
         """
-        count = len(netlist.conductance)
+        single = cls(netlist, law)  # checks the types
+        count = len(single.memristors)
         chosen = _chosen_resistors(memristors, count)
         crossed = {key: value[chosen] for key, value in crossed_by(netlist, "resistor").items()}
         siemens = netlist.conductance[chosen]
@@ -271,6 +280,16 @@ def _check_state(law: Memristor, state: NDArray[np.float64], name: str) -> None:
         raise InputError(
             f"{name} = {state[stuck[0]]} of memristor {stuck[0]} would never change, because the Joglekar window is 0 "
             "there; choose a state between 0 and 1, such as 0.01"
+        )
+
+
+def _check_cost_map(netlist: Netlist) -> None:
+    """Raise InputError for a netlist of a space with a cost map, because the law replaces the conductances."""
+    cost_map = None if netlist.cell_map is None else netlist.cell_map.space.conductivity
+    if cost_map is not None and np.ptp(cost_map) > 0:
+        raise InputError(
+            "the netlist has a cost map (conductivity), which the law of the memristors would replace; compile the "
+            "space without conductivity"
         )
 
 
