@@ -14,6 +14,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.colors import ListedColormap
+from matplotlib.patches import Patch
 from scipy import ndimage, optimize, sparse
 
 import resgrid as rg
@@ -180,8 +181,8 @@ assert np.mean(excess["equal"]) > 0.3
 # One of the unseen maps, and the learned costs relative to a cell of road.
 
 figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4.2), width_ratios=(1.5, 1), layout="constrained")
-shades = ListedColormap(["#efe6d2", "#b7d49a", "#a98467", "#7d7f83"])
-left.imshow(np.ma.masked_where(cell == rg.Cell.OBSTACLE, terrain).T, origin="lower", cmap=shades)
+colours = ["#efe6d2", "#b7d49a", "#a98467", "#7d7f83"]
+left.imshow(np.ma.masked_where(cell == rg.Cell.OBSTACLE, terrain).T, origin="lower", cmap=ListedColormap(colours))
 left.set_facecolor("black")
 for name, style in (("equal", "-C3"), ("expert", "-k"), ("learned", "--C0")):
     for number, path in enumerate(shown[name]):
@@ -189,7 +190,8 @@ for name, style in (("equal", "-C3"), ("expert", "-k"), ("learned", "--C0")):
         left.plot(*cells, style, lw=1.2 if name == "learned" else 2.2, label=None if number else name)
 left.plot(*goal, "*w", ms=14, mec="k")
 left.set(title="Paths on an unseen map", xlabel="x", ylabel="y")
-left.legend(loc="lower right")
+terrains = [Patch(color=colour, label=name) for colour, name in zip(colours, TERRAIN, strict=True)]
+left.legend(handles=[*left.get_legend_handles_labels()[0], *terrains], loc="upper left", bbox_to_anchor=(1.0, 1.0))
 right.plot(COST, learned / learned[0], "o", label="learned")
 right.plot([0, 14], [0, 14], "k:", label="true")
 for name, cost, guess in zip(TERRAIN, COST, learned / learned[0], strict=True):

@@ -69,7 +69,7 @@ def check_memristive(path: Path, data: bytes, sidecar: MemristiveSidecar, timeou
         tolerance=sidecar.tolerance,
         findings=tuple(findings),
         worst=tuple((name, value, got) for name, _, value, got, _ in worst[:SHOWN]),
-        remark=f"transient with {len(sidecar.states)} states of memristors, compared at {len(sidecar.times)} times",
+        remark=f"transient of {len(sidecar.states)} memristors, compared at {len(sidecar.times)} times",
         verified=raw is not None,
     )
 
