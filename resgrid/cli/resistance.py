@@ -114,6 +114,11 @@ def _node_at(netlist: rg.Netlist, place: str, in_cells: bool) -> str | int:
         numbers = [float(part) for part in place.split(",")]
     except ValueError:
         return place
+    if netlist.lattice_map is not None:
+        raise InputError(
+            f"--between {place}: places need face neighbours, not lattice {netlist.lattice_map.wiring.lattice!r}; "
+            "name nodes, such as n_3_4 or goal_0, or use --lattice square"
+        )
     space = netlist.cells.space
     if len(numbers) != space.ndim:
         raise InputError(f"--between {place}: a place of this scene has {space.ndim} coordinates")

@@ -76,7 +76,10 @@ class HexagonalLattice(Lattice):
         return np.where(blocked, 0.0, self.weights[step])
 
     def conductivity_at(self, step: int) -> NDArray[np.float64] | None:
-        """Return the harmonic mean of the conductivity along every segment; a goal cell has that of the free end."""
+        """Return the harmonic mean of the conductivity along every segment.
+
+        On a segment between a free site and a goal, goal cells have the conductivity of the free end.
+        """
         code, c = self.space.cell, self.space.conductivity
         if c is None:
             return None
@@ -84,10 +87,13 @@ class HexagonalLattice(Lattice):
         at_x, at_y = self._crossings(step)
         first, last = c[here], c[there]
         is_goal, is_goal_there = code[here] == Cell.GOAL, code[there] == Cell.GOAL
+        is_contact = is_goal != is_goal_there
         first, last = (
             np.where(is_goal & ~is_goal_there, last, first), np.where(is_goal_there & ~is_goal, first, last),
         )  # fmt: skip
-        middle = np.where(at_x < at_y, c[there[0], here[1]], c[here[0], there[1]])
+        x_first, one, other = at_x < at_y, (there[0], here[1]), (here[0], there[1])
+        middle = np.where(x_first, c[one], c[other])
+        middle = np.where(is_contact & (np.where(x_first, code[one], code[other]) == Cell.GOAL), first, middle)
         low, high = np.minimum(np.minimum(at_x, at_y), 1.0), np.maximum(at_x, at_y)
         high = np.where(high > 1.0, low, high)  # no middle cell with fewer than two crossings
         return np.asarray(1.0 / (low / first + (high - low) / middle + (1.0 - high) / last))

@@ -70,7 +70,8 @@ def compile_lattice(space: ConfigurationSpace, wiring: Wiring) -> Netlist:
         own &= lattice.at_sites(space.goal_connected)
     if wiring.drive == "uniform" and not own.any():
         raise CircuitError("nothing is driven: no free cell is connected to a goal; move the goal or open a path to it")
-    parts = [_resistors(lattice, wiring, own, step) for step in range(len(lattice.steps))]
+    parts = [_no_links()]  # rings of a single cell have no steps
+    parts += [_resistors(lattice, wiring, own, step) for step in range(len(lattice.steps))]
     parts += [_contacts(lattice, wiring, own, step) for step in range(len(lattice.steps)) if not wiring.is_driven]
     links = _Links(*(np.concatenate(column) for column in zip(*parts, strict=True)))
     obstacle = GROUND + 1 if (links.step < 0).any() else -1
@@ -105,6 +106,12 @@ def compile_lattice(space: ConfigurationSpace, wiring: Wiring) -> Netlist:
         np.full(len(drives), wiring.supply / (wiring.resistance * max(count, 1))),
         lattice_map=lattice_map,
     )
+
+
+def _no_links() -> _Links:
+    """Return an empty list of resistors."""
+    none = np.empty(0, dtype=np.int64)
+    return _Links(none, none, none.astype(np.int8), none.astype(np.float64))
 
 
 def _resistors(lattice: Lattice, wiring: Wiring, own: NDArray[np.bool_], step: int) -> _Links:

@@ -188,11 +188,12 @@ def _check_currents(path: NodePath, step: Integers, sense: Integers) -> None:
     direction = _taken(field.step_direction, step, tail)
     if np.any(direction != sense):
         raise CertificateError(f"step {int(np.argmax(direction != sense))}: no current flows along it")
-    rating = _taken(field.step_log_current, step, tail)
+    rating, slack = _taken(field.step_log_current, step, tail), np.full(len(step), 2.0 * SAME_CURRENT)
     if field.read_out == "density":
         moved = np.linalg.norm(np.diff(_at_sites(path), axis=0), axis=1)
         rating = rating - np.log(field.lattice.site_weights[step, tail] * moved / path.space.spacing.min())
-    less = rating < field.largest_rating[flat[:-1]] - 2.0 * SAME_CURRENT
+        slack += 2.0 * np.linalg.norm(path.space.rounding * path.space.spacing) / moved  # both ends of the step round
+    less = rating < field.largest_rating[flat[:-1]] - slack
     if less.any():
         raise CertificateError(f"step {int(np.argmax(less))}: another {field.read_out} of its site is larger")
     if field.boundary == "blend":

@@ -117,3 +117,13 @@ def test_unknown_lattices_and_flat_cells_name_a_remedy(call, scenes, tmp_path):
     )
     result = call("path", flat)
     assert result.exit_code == 2 and "change the numbers of cells" in result.stderr
+
+
+def test_resistances_of_a_lattice_are_those_between_named_nodes(answer, call, scenes):
+    lesson = (scenes / "lesson.toml", "--lattice", "square8")
+    refused = call("resistance", *lesson, "--between", "0.5,6.5", "6.5,1.5")
+    assert refused.exit_code == 2
+    assert "name nodes, such as n_3_4 or goal_0, or use --lattice square" in " ".join(refused.stderr.split())
+    assert answer("resistance", *lesson, "--between", "n_0_6", "goal_0") != answer(
+        "resistance", lesson[0], "--between", "n_0_6", "goal_0"
+    )

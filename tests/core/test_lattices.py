@@ -358,3 +358,25 @@ def test_the_default_netlist_has_cells_and_other_lattices_reject_their_use() -> 
         _ = netlist.cells
     with pytest.raises(rg.InputError, match="rails = 'cells'"):
         rg.compile_space(space, lattice="square8", rails="cells")
+
+
+@pytest.mark.parametrize("lattice", ["square8", "cube26"])
+def test_rings_of_a_single_cell_have_no_resistors(lattice: str) -> None:
+    shape = (1,) * (3 if lattice == "cube26" else 2)
+    space = space_of(np.full(shape, rg.Cell.GOAL), periodic=(True,) * len(shape))
+    netlist = rg.compile_space(space, lattice=lattice)
+    assert (netlist.node_count, len(netlist.conductance)) == (2, 0)
+
+
+def test_conductivities_of_goal_cells_do_not_change_contacts_with_goals() -> None:
+    cell = np.zeros((5, 7))
+    cell[2, 3], cell[3, 3] = rg.Cell.GOAL, rg.Cell.GOAL
+    cost = np.where(cell == rg.Cell.GOAL, 50.0, np.random.default_rng(0).uniform(0.5, 2.0, cell.shape))
+    other = np.where(cell == rg.Cell.GOAL, 0.02, cost)
+    netlists = [
+        rg.compile_space(space_of(cell, spacing=(1.0, 0.95), conductivity=c), lattice="hexagonal")
+        for c in (cost, other)
+    ]
+    ends = [np.any(netlist.resistor_nodes == netlist.lattice_map.goal_nodes[0], axis=1) for netlist in netlists]
+    assert ends[0].any()
+    np.testing.assert_array_equal(netlists[0].conductance[ends[0]], netlists[1].conductance[ends[1]])

@@ -247,3 +247,15 @@ def test_a_function_that_needs_cell_faces_rejects_a_lattice(name: str, tmp_path:
     planner = rg.plan(room(), lattice="square8")
     with pytest.raises(rg.InputError, match=r"[Ll]attice|quantity is not an option"):
         refused(name, planner)
+
+
+@pytest.mark.parametrize("lattice", ["square8", "hexagonal"])
+@pytest.mark.parametrize(("lower", "width"), [(5e6, 0.05), (-1e6, 1e-3)])
+def test_paths_far_from_the_origin_have_certificates(lattice: str, lower: float, width: float) -> None:
+    cell = np.where(np.random.default_rng(0).random((9, 10)) < 0.25, rg.Cell.OBSTACLE, rg.Cell.FREE)
+    cell[3, 4] = rg.Cell.GOAL
+    axes = [rg.Axis(name, lower, lower + n * width, n) for name, n in zip("xy", cell.shape, strict=True)]
+    planner = rg.plan(rg.ConfigurationSpace(axes, cell), lattice=lattice)
+    for path in planner.paths(planner.space.centre(np.argwhere(planner.space.goal_connected))):
+        rg.certify(path)
+        assert path.outcome is rg.Outcome.REACHED
