@@ -13,7 +13,6 @@ from resgrid.cli.options import CommandInput, output_option, subcommand, with_so
 from resgrid.cli.paths import Plan, plan_routes
 from resgrid.cli.scenes import Job, open_job, report_ignored
 from resgrid.cli.terminal import finish, stage
-from resgrid.core.lattice import require_square
 from resgrid.errors import InputError
 
 if TYPE_CHECKING:
@@ -51,6 +50,8 @@ def command(source: CommandInput, output: str, what: str) -> int:
     if what == "slices" and job.space.ndim < 3:
         raise InputError(f"--what slices: a space of {job.space.ndim} axes is not cut into slices; draw 'potential'")
     if what == "currents":
+        from resgrid.core.lattice import require_square
+
         require_square(job.scene.lattice, "--what currents")
     ignored = report_ignored(job, "grid", k=() if what == "space" else job.scene.k[1:])
     plan = Plan({}, [], []) if what == "space" else plan_routes(job)

@@ -41,7 +41,7 @@ def call(*words: object, piped: str | bytes | None = None) -> Result:
 def answer(*words: object, code: int = 0, piped: str | bytes | None = None) -> dict[str, Any]:
     """Run a command line with ``--json`` and read its one object."""
     result = call(*words, "--json", piped=piped)
-    assert result.exit_code == code, result.stderr
+    assert result.exit_code == code, result.stdout[-2000:] + result.stderr
     data: dict[str, Any] = json.loads(result.stdout, parse_constant=pytest.fail)
     assert data["schema"] == 1
     return data
