@@ -17,7 +17,7 @@ from resgrid.errors import InputError
 from resgrid.plot.circuits import resistor_ends
 from resgrid.plot.figures import axes_or_new
 from resgrid.plot.panels import draw_space
-from resgrid.plot.style import PATHS, add_colour_bar, dress, strength_map
+from resgrid.plot.style import PATHS, add_colour_bar, dress, refresh_legend, strength_map
 
 _MOST_CURVES = 400
 """Largest number of memristors whose states are drawn over time."""
@@ -56,19 +56,20 @@ def _draw_map(result: MemristiveTransient, cells: CellMap, at: int, ax: Axes | N
     number, lower, upper, _ = resistor_ends(cells)
     siemens = np.zeros(len(cells.resistor_face))
     siemens[result.circuit.memristors] = 1 / result.resistance[at]
-    number, face = number[siemens[number] > 0], cells.resistor_face
-    links, first, which = np.unique(face[number], return_index=True, return_inverse=True)
+    memristive = siemens[number] > 0
+    number, ends = number[memristive], np.stack([lower, upper], axis=1)[memristive]
+    links, first, which = np.unique(cells.resistor_face[number], return_index=True, return_inverse=True)
     ohms = 1 / np.bincount(which.ravel(), siemens[number], len(links))
-    of_number = {index: row for row, index in enumerate(resistor_ends(cells)[0].tolist())}
-    rows = [of_number[index] for index in number[first].tolist()]
-    origin = np.array([axis.lower for axis in cells.space.axes])
-    width = np.array([axis.spacing for axis in cells.space.axes])
-    segments = np.stack([origin + width * lower[rows], origin + width * upper[rows]], axis=1)
+    segments = cells.space.to_world(cells.space.lower + cells.space.spacing * ends[first])
     lines = LineCollection(
         list(segments), array=ohms, cmap=strength_map().reversed(), norm=LogNorm(*_range(result)), linewidths=2.2
     )
     axes.add_collection(lines)
     add_colour_bar(lines, axes, "resistance of a link (ohm)")
+    if cells.wiring.start is not None:
+        x, y = cells.space.centre(cells.wiring.start)
+        axes.scatter(x, y, s=34, facecolor="white", edgecolor="black", linewidth=0.9, zorder=6, label="start")
+        refresh_legend(axes)
     axes.set_title(f"after {EngFormatter('s', places=1)(result.times[at])}", fontsize="medium")
     return axes
 
