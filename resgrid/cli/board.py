@@ -95,9 +95,9 @@ def _tolerance(text: str) -> float:
 
 
 def _kicad(asked: bool | None) -> KicadCli | None:
-    """Return kicad-cli; None if it is not wanted, or not installed and not demanded.
+    """Return kicad-cli; None if it is excluded, or neither installed nor demanded.
 
-    `asked`: True if kicad-cli is demanded, False if it is not wanted, None to use it if it is installed. Raises
+    `asked`: True if kicad-cli is demanded, False if it is excluded, None to use it if it is installed. Raises
     ToolMissingError if it is demanded and not installed; otherwise a message states how to get it.
     """
     from resgrid.hardware.tools import find_kicad

@@ -129,7 +129,7 @@ def _process_of(scene: rg.Scene) -> str:
 def _width(scene: rg.Scene, width: float | None, matching: float | None) -> float | None:
     """Return the width of the resistors in metres; None for the smallest one, or if `matching` determines the width.
 
-    `width`: width of the option in micrometres, None for that of the scene's chip; `matching`: wanted standard
+    `width`: width of the option in micrometres, None for that of the scene's chip; `matching`: target standard
     deviation of the relative resistance, None without one.
     """
     if width is not None:
@@ -149,10 +149,10 @@ def _floor_plan(summary: Mapping[str, Any]) -> Iterator[str]:
     yield f"{summary['process']}: {columns} x {rows} cells of {px * um:.4g} x {py * um:.4g} um"
     array = " x ".join(f"{side * um:.5g}" for side in summary["array_size"])
     yield f"array {array} um ({summary['array_area'] * 1e6:.4g} mm^2), outline {width * um:.5g} x {height * um:.5g} um"
-    ohms, rows = _span(resistor["resistance"], 1.0, ".6g"), _span(resistor["rows"], 1, "d")
+    ohms, folds = _span(resistor["resistance"], 1.0, ".6g"), _span(resistor["rows"], 1, "d")
     yield (
         f"{counted(summary['resistors'], 'resistor')} of {ohms} ohm, {resistor['width'] * um:.4g} um wide and "
-        f"{_span(resistor['length'], um, '.4g')} um long in {rows} row{'s' * (rows != '1')}"
+        f"{_span(resistor['length'], um, '.4g')} um long in {folds} row{'s' * (folds != '1')}"
     )
     for net, amps in rails["current"].items():
         yield f"rail {net}: {amps:.3g} A, voltage drop up to {rails['drop'].get(net, 0.0):.2g} V"

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from resgrid.io.paths import Route
-    from resgrid.planning.any_field import AnyField
+    from resgrid.planning.any_field import AnyField, FieldPath
     from resgrid.scene import MovingAIScenario
 
 
@@ -33,7 +33,7 @@ class Plan:
     routes: list[Route]
 
     @property
-    def streamlines(self) -> list[rg.Streamline | rg.planning.NodePath]:
+    def streamlines(self) -> list[FieldPath]:
         """Streamlines or node paths of all routes (paths of one start at one weight k) that have a streamline."""
         return [route.streamline for route in self.routes if route.streamline is not None]
 
@@ -121,7 +121,7 @@ def _workspace_text(route: Route) -> str:
     return tested if distance is None or distance == float("inf") else f"{tested}, {distance:.4g} m from contact"
 
 
-def _figures(length: float, clearance: float | None, path: rg.Streamline | rg.planning.NodePath) -> str:
+def _figures(length: float, clearance: float | None, path: FieldPath) -> str:
     units = {axis.unit for axis in path.space.axes}
     unit = f" {units.pop()}" if len(units) == 1 else ""
     clear = f", clearance {clearance:.4g}{unit}" if clearance is not None and clearance < float("inf") else ""

@@ -125,6 +125,17 @@ class Lattice(ABC):
         grid = np.moveaxis(np.indices(self.shape), 0, -1)
         return tuple(np.moveaxis(self.cells(grid), -1, 0))
 
+    @cached_property
+    def central_sites(self) -> NDArray[np.int64]:
+        """Flat index of the site of each cell that is nearest to its centre, in the shape of the space."""
+        space, cells = self.space, np.stack(self.site_cells, axis=-1)
+        points = self.points(np.moveaxis(np.indices(self.shape), 0, -1))
+        off = np.linalg.norm((points - space.axis_centre(cells)) / space.spacing, axis=-1)
+        number = np.ravel_multi_index(self.site_cells, space.shape).ravel()
+        order = np.lexsort((off.ravel().round(9), number))
+        _, first = np.unique(number[order], return_index=True)
+        return np.asarray(order[first].reshape(space.shape), dtype=np.int64)
+
     def at_sites(self, value: NDArray[Any]) -> NDArray[Any]:
         """Return values of cells (shape of the space) at the sites, in the lattice's shape."""
         return value[self.site_cells]

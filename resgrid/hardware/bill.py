@@ -16,6 +16,15 @@ from resgrid.hardware.record import natural_order
 if TYPE_CHECKING:
     from resgrid.hardware.board import Board
 
+BILL = "bill_of_materials.csv"
+"""File name of the list with the parts to order."""
+
+VOLTAGES = "expected_voltages.csv"
+"""File name of the list with the expected voltage of every test pad."""
+
+VOLTAGE_DIGITS = 6
+"""Number of digits after the decimal point of the voltages in the list, in volts."""
+
 SPARE = 0.05
 """Fraction of the number of resistors to order in addition, since some are lost while soldering."""
 
@@ -96,7 +105,7 @@ def format_voltages(board: Board) -> str:
                 f"{y:.6g}",
                 kind,
                 net,
-                f"{circuit.voltages[net]:.6f}",
+                f"{circuit.voltages[net]:.{VOLTAGE_DIGITS}f}",
                 pins.get(net, ""),
             )
         )

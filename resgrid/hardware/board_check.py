@@ -53,8 +53,8 @@ def check_board(
     SPICE netlist.  Four circuits are compared with the record beside the board, part by part and net by net: the nets
     that the board file states (IPC-D-356), the nets that the copper of the Gerber and drill files connects, the
     schematic (SPICE netlist), and the values on the board.  The voltages of the connected copper (by `resgrid.solve`)
-    and of the SPICE netlist (by ngspice) are compared with the record's voltages.  So are the bill of materials and the
-    list of expected voltages, if they lie beside the board.
+    and of the SPICE netlist (by ngspice) are compared with the record's voltages.  The bill of materials and the list
+    of expected voltages are compared with the record if they lie next to the board.
 
     Parameters
     ----------

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from resgrid._internal.files import write_text
-from resgrid.hardware.bill import format_bill, format_voltages
+from resgrid.hardware.bill import BILL, VOLTAGES, format_bill, format_voltages
 from resgrid.hardware.board import FILE, REVISION, Board
 from resgrid.hardware.board_schematic import draw_schematic
 from resgrid.hardware.kicad.footprints import LIBRARY, Graphics, PlacedFootprint, format_footprint
@@ -52,8 +52,8 @@ def board_files(board: Board, *, manufactured: bool = False) -> dict[str, str]:
         "sym-lib-table": format_symbol_table(),
         "fp-lib-table": format_footprint_table(),
         f"{PROJECT}.record.json": format_record(board.record()),
-        "bill_of_materials.csv": format_bill(board),
-        "expected_voltages.csv": format_voltages(board),
+        BILL: format_bill(board),
+        VOLTAGES: format_voltages(board),
         "README.md": format_readme(board, board.predicted_yields, manufactured=manufactured),
     }
     for sheet in sheets:
@@ -165,8 +165,8 @@ def described(names: list[str]) -> Iterator[tuple[str, str]]:
         ".kicad_mod": "a footprint of the project",
         "-lib-table": "table of the project's libraries",
         ".record.json": "parts, nets and expected voltages, for 'resgrid check'",
-        "bill_of_materials.csv": "parts to buy",
-        "expected_voltages.csv": "expected voltage of every test pad",
+        BILL: "parts to buy",
+        VOLTAGES: "expected voltage of every test pad",
         "README.md": "instructions for teachers",
         "jumper_plan.pdf": "the bridges of this scene",
         "jumper_plan.png": "the bridges of this scene",

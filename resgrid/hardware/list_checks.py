@@ -1,4 +1,4 @@
-"""Comparison of the lists beside a board, for ordering and measuring, with the record of the board."""
+"""Comparison of the bill of materials and the expected voltages of a board with the record of the board."""
 
 from __future__ import annotations
 
@@ -9,25 +9,17 @@ from pathlib import Path
 
 from resgrid._internal.files import read_text
 from resgrid.errors import InputError
+from resgrid.hardware.bill import BILL, VOLTAGE_DIGITS, VOLTAGES
 from resgrid.hardware.comparison import compare_values
 from resgrid.hardware.record import HardwareRecord
 from resgrid.scene.quantities import parse_quantity
-
-VOLTAGES = "expected_voltages.csv"
-"""Name of the list with the expected voltage of every test pad."""
-
-BILL = "bill_of_materials.csv"
-"""Name of the list with the parts to order."""
-
-SHOWN_STEP = 1e-6
-"""Voltages in the list are rounded to multiples of this step, in volts."""
 
 _RANGE = re.compile(r"([A-Z]+)(\d+)(?:-\1(\d+))?")
 """A reference, or a range of references: ``R7``, ``R1-R3``."""
 
 
 def check_lists(record: HardwareRecord, folder: Path) -> list[str]:
-    """Return a message for every entry of the lists beside a board that contradicts its record.
+    """Return a message for every entry of the lists of a board that contradicts its record.
 
     `folder`: folder of the board; a list that is absent is not compared.
     """
@@ -58,8 +50,8 @@ def _voltage_differences(record: HardwareRecord, rows: list[dict[str, str]]) -> 
         if row["net"] != net:
             yield f"{pad} is on {row['net']} instead of {net}"
         expected = record.voltages.get(net)
-        if expected is not None and not abs(volts - expected) <= 0.51 * SHOWN_STEP:
-            yield f"{pad}: {row['volts']} V instead of {expected:.6f} V"
+        if expected is not None and not abs(volts - expected) <= 0.51 * 10**-VOLTAGE_DIGITS:
+            yield f"{pad}: {row['volts']} V instead of {expected:.{VOLTAGE_DIGITS}f} V"
 
 
 def _bill_differences(record: HardwareRecord, rows: list[dict[str, str]]) -> Iterator[str]:

@@ -38,7 +38,7 @@ _INSIDE = 1e-9
 """Smallest distance of a goal configuration from the border of its cell, as a fraction of the cell's width."""
 
 _OF_CIRCUIT = ("boundary", "drive", "k", "leak", "lattice")
-"""Keys of a scene that a drawing sets anew, so that those of an arm's scene are not kept."""
+"""Keys of a scene that a drawing sets itself; their values in the scene of an arm are not kept."""
 
 
 @frozen

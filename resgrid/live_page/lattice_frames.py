@@ -25,19 +25,7 @@ def at_cells(field: AnyField, values: NDArray[np.float64]) -> NDArray[np.float64
 
     `values`: one value per cell, or per site of the lattice.
     """
-    return values.ravel()[sites_of_cells(field.lattice)] if isinstance(field, LatticeField) else values
-
-
-def sites_of_cells(lattice: Lattice) -> NDArray[np.int64]:
-    """Return the flat index of the site of each cell that is nearest to its centre, in the shape of the space."""
-    space = lattice.space
-    sites = np.moveaxis(np.indices(lattice.shape), 0, -1).reshape(-1, space.ndim)
-    cells = lattice.cells(sites)
-    off = np.linalg.norm((lattice.points(sites) - space.axis_centre(cells)) / space.spacing, axis=1)
-    number = np.ravel_multi_index(tuple(cells.T), space.shape)
-    order = np.lexsort((off.round(9), number))
-    _, first = np.unique(number[order], return_index=True)
-    return np.asarray(order[first].reshape(space.shape), dtype=np.int64)
+    return values.ravel()[field.lattice.central_sites] if isinstance(field, LatticeField) else values
 
 
 def flows(field: LatticeField) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -46,21 +34,17 @@ def flows(field: LatticeField) -> tuple[NDArray[np.float64], NDArray[np.float64]
     A flow is the sum of the currents along all steps times their unit vectors, relative to the largest current of the
     node; the logarithm is natural, -inf without current.
     """
-    site = sites_of_cells(field.lattice)
-    outward = [
-        (sense * _unit(field.lattice, step), field.outward(step, sense)[site])
-        for step in range(len(field.lattice.steps))
-        for sense in (1, -1)
-    ]
-    inward = []
-    for step in range(len(field.lattice.steps)):
-        for sense in (1, -1):  # the neighbour in the direction `sense` sends its current the opposite way
-            there = field.lattice.neighbours(step, sense).ravel()[site]
-            log = np.where(there >= 0, field.outward(step, -sense)[there], -np.inf)
-            inward.append((-sense * _unit(field.lattice, step), log))
-    largest = np.max([log for _, log in outward + inward], axis=0)
+    lattice, site = field.lattice, field.lattice.central_sites
+    parts = []
+    for step in range(len(lattice.steps)):
+        unit = _unit(lattice, step)
+        direction, log = field.step_direction[step].ravel(), field.step_log_current[step].ravel()
+        for start in (site, lattice.neighbours(step, -1).ravel()[site]):  # first ends of both resistors along the step
+            sign = np.where(start >= 0, direction[start], 0)
+            parts.append((sign[..., np.newaxis] * unit, np.where(sign == 0, -np.inf, log[start])))
+    largest = np.max([log for _, log in parts], axis=0)
     base = np.where(np.isfinite(largest), largest, np.inf)
-    flow = sum(unit * np.exp(log - base)[..., np.newaxis] for unit, log in outward + inward)
+    flow = sum(unit * np.exp(log - base)[..., np.newaxis] for unit, log in parts)
     return np.asarray(flow) * field.space.spacing.min() / field.space.spacing, largest
 
 
@@ -70,7 +54,7 @@ def step_currents(field: LatticeField, index: tuple[int, int]) -> list[list[Any]
     The last entry states whether paths take the step. Currents are in units of supply / resistance. `index`: index of
     the cell along each axis.
     """
-    site, lattice = int(sites_of_cells(field.lattice)[index]), field.lattice
+    site, lattice = int(field.lattice.central_sites[index]), field.lattice
     rows = []
     for step in range(len(lattice.steps)):
         for sense in (1, -1):

@@ -81,7 +81,8 @@ def test_blends_files_and_pictures_of_a_lattice(answer, call, scenes, tmp_path, 
         assert arrays["points"].shape == (*arrays["potential"].shape, 2)
     for what in ("page", "potential", "paths"):
         assert call("plot", *rooms, "--what", what, "-o", tmp_path / f"{what}.png").exit_code == 0
-    assert call("plot", scenes / "lesson.toml", "--lattice", lattice, "--what", "circuit", "-o", tmp_path / "c.png")
+    lesson = (scenes / "lesson.toml", "--lattice", lattice)
+    assert call("plot", *lesson, "--what", "circuit", "-o", tmp_path / "circuit.png").exit_code == 0
 
 
 @pytest.mark.parametrize(

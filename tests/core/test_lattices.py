@@ -10,8 +10,8 @@ import networkx as nx
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings, strategies as st
-from numpy.typing import NDArray
 from shapely import LineString, box
+from support.circuits import dense_solution
 from support.fractions_solver import solve_exactly
 from support.spaces import space_of
 
@@ -285,30 +285,13 @@ def test_the_drop_agrees_with_exact_fractions(data: st.DataObject) -> None:
             assert np.exp(op.log_drop[node]) == pytest.approx(float(drop), rel=1e-9)
 
 
-def dense_voltages(netlist: rg.Netlist) -> NDArray[np.float64]:
-    """Return the node voltages by a dense solution of the nodal equations."""
-    count = netlist.node_count
-    matrix, rhs = np.zeros((count, count)), np.zeros(count)
-    for (i, j), g in zip(netlist.resistor_nodes, netlist.conductance, strict=True):
-        matrix[i, i] += g
-        matrix[j, j] += g
-        matrix[i, j] -= g
-        matrix[j, i] -= g
-    np.add.at(rhs, netlist.current_nodes[:, 0], -netlist.current_amps)
-    np.add.at(rhs, netlist.current_nodes[:, 1], netlist.current_amps)
-    for (node, _), volts in zip(netlist.source_nodes, netlist.source_volts, strict=True):
-        matrix[node], rhs[node] = np.eye(count)[node], volts
-    matrix[0], rhs[0] = np.eye(count)[0], 0.0
-    return np.linalg.solve(matrix, rhs)
-
-
 @pytest.mark.parametrize("lattice", PLANES)
 @pytest.mark.parametrize("options", [{}, {"boundary": "neumann"}, {"boundary": "wall", "wall_resistance": 5e3}])
 def test_voltages_agree_with_a_dense_solution(lattice: str, options: dict[str, object]) -> None:
     cell = np.zeros((12, 10), np.uint8)
     cell[3:6, 2:7], cell[8, :4], cell[10, 8] = 1, 1, 2
     netlist = rg.compile_space(space_of(cell), lattice=lattice, **options)
-    np.testing.assert_allclose(rg.solve(netlist).voltage, dense_voltages(netlist), rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(rg.solve(netlist).voltage, dense_solution(netlist).voltage, rtol=1e-9, atol=1e-12)
 
 
 @pytest.mark.parametrize("supply", [2.5, -1.0])

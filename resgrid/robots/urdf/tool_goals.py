@@ -107,7 +107,7 @@ class _Boxes:
 
     def of(self, chosen: NDArray[np.bool_]) -> _Boxes:
         """Return the boxes of a mask (n,)."""
-        return _Boxes(self.centre[chosen], self.half[chosen].copy(), self.owner[chosen], self.halvings)
+        return _Boxes(self.centre[chosen], self.half[chosen], self.owner[chosen], self.halvings)
 
     def halved(self, gain: NDArray[np.float64]) -> _Boxes:
         """Return both halves of every box, cut along the joint with the largest `gain` (n, m)."""
@@ -120,7 +120,7 @@ class _Boxes:
         return _Boxes(centre, np.tile(half, (2, 1)), np.tile(self.owner, 2), self.halvings + 1)
 
     def parts(self) -> list[_Boxes]:
-        """Return these boxes in parts of at most `_MAX_BOXES` boxes, of different cells; without cells with more."""
+        """Return parts of at most `_MAX_BOXES` boxes, each with whole cells; a cell with more boxes is left out."""
         if len(self.owner) <= _MAX_BOXES:
             return [self]
         cells = np.unique(self.owner)
