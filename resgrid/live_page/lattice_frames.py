@@ -25,19 +25,7 @@ def at_cells(field: AnyField, values: NDArray[np.float64]) -> NDArray[np.float64
 
     `values`: one value per cell, or per site of the lattice.
     """
-    return values.ravel()[sites_of_cells(field.lattice)] if isinstance(field, LatticeField) else values
-
-
-def sites_of_cells(lattice: Lattice) -> NDArray[np.int64]:
-    """Return the flat index of the site of each cell that is nearest to its centre, in the shape of the space."""
-    space = lattice.space
-    sites = np.moveaxis(np.indices(lattice.shape), 0, -1).reshape(-1, space.ndim)
-    cells = lattice.cells(sites)
-    off = np.linalg.norm((lattice.points(sites) - space.axis_centre(cells)) / space.spacing, axis=1)
-    number = np.ravel_multi_index(tuple(cells.T), space.shape)
-    order = np.lexsort((off.round(9), number))
-    _, first = np.unique(number[order], return_index=True)
-    return np.asarray(order[first].reshape(space.shape), dtype=np.int64)
+    return values.ravel()[field.lattice.central_sites] if isinstance(field, LatticeField) else values
 
 
 def flows(field: LatticeField) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -46,18 +34,14 @@ def flows(field: LatticeField) -> tuple[NDArray[np.float64], NDArray[np.float64]
     A flow is the sum of the currents along all steps times their unit vectors, relative to the largest current of the
     node; the logarithm is natural, -inf without current.
     """
-    site = sites_of_cells(field.lattice)
-    outward = [
-        (sense * _unit(field.lattice, step), field.outward(step, sense)[site])
-        for step in range(len(field.lattice.steps))
-        for sense in (1, -1)
-    ]
-    inward = []
-    for step in range(len(field.lattice.steps)):
-        for sense in (1, -1):  # the neighbour in the direction `sense` sends its current the opposite way
-            there = field.lattice.neighbours(step, sense).ravel()[site]
-            log = np.where(there >= 0, field.outward(step, -sense)[there], -np.inf)
-            inward.append((-sense * _unit(field.lattice, step), log))
+    lattice = field.lattice
+    site = lattice.central_sites
+    outward, inward = [], []
+    for step, sense in lattice.directions:
+        unit = sense * _unit(lattice, step)
+        outward.append((unit, field.outward(step, sense)[site]))
+        there = lattice.neighbours(step, sense).ravel()[site]  # sends its current in the opposite direction
+        inward.append((-unit, np.where(there >= 0, field.outward(step, -sense)[there], -np.inf)))
     largest = np.max([log for _, log in outward + inward], axis=0)
     base = np.where(np.isfinite(largest), largest, np.inf)
     flow = sum(unit * np.exp(log - base)[..., np.newaxis] for unit, log in outward + inward)
@@ -70,17 +54,17 @@ def step_currents(field: LatticeField, index: tuple[int, int]) -> list[list[Any]
     The last entry states whether paths take the step. Currents are in units of supply / resistance. `index`: index of
     the cell along each axis.
     """
-    site, lattice = int(sites_of_cells(field.lattice)[index]), field.lattice
+    lattice = field.lattice
+    site = int(lattice.central_sites[index])
     rows = []
-    for step in range(len(lattice.steps)):
-        for sense in (1, -1):
-            there = int(lattice.neighbours(step, sense).ravel()[site])
-            if there < 0:
-                continue
-            inward = np.exp(field.outward(step, -sense)[there])
-            angle = float(np.arctan2(*(sense * _unit(lattice, step))[::-1]))
-            amperes = float(np.exp(field.outward(step, sense)[site]) - inward)
-            rows.append((angle % (2 * np.pi), amperes, bool(field.move[site] == 2 * step + (sense < 0))))
+    for number, (step, sense) in enumerate(lattice.directions):
+        there = int(lattice.neighbours(step, sense).ravel()[site])
+        if there < 0:
+            continue
+        inward = np.exp(field.outward(step, -sense)[there])
+        angle = float(np.arctan2(*(sense * _unit(lattice, step))[::-1]))
+        amperes = float(np.exp(field.outward(step, sense)[site]) - inward)
+        rows.append((angle % (2 * np.pi), amperes, bool(field.move[site] == number)))
     return [[_ARROWS[round(angle / (np.pi / 4)) % 8], *rest] for angle, *rest in sorted(rows)]
 
 
@@ -98,15 +82,14 @@ def segments(op: OperatingPoint) -> dict[str, Any]:
     def place(points: NDArray[np.float64]) -> NDArray[np.float64]:
         return (points - space.lower) / space.spacing
 
-    sites = np.stack(np.unravel_index(found.resistor_site, lattice.shape), axis=1)
     ohms, joins = 1.0 / netlist.conductance, found.resistor_step >= 0
-    first = lattice.points(sites)
+    first = lattice.points_of(found.resistor_site)
     second = first + lattice.steps[found.resistor_step]
     columns = [*place(first).T, *place(second).T, ohms, ohms * op.resistor_current, op.resistor_current]
     contact = np.zeros(lattice.size)
     np.add.at(contact, found.resistor_site[~joins], netlist.conductance[~joins])
     tied = np.flatnonzero(contact)
-    tied_places = place(lattice.points(np.stack(np.unravel_index(tied, lattice.shape), axis=1)))
+    tied_places = place(lattice.points_of(tied))
     own = np.argwhere((lattice.at_sites(space.cell) == Cell.FREE) & (found.node >= 0))
     return {
         "segments": np.stack([column[joins] for column in columns], axis=1).tolist(),

@@ -17,7 +17,6 @@ import resgrid as rg
 from resgrid.live_page.drawing import Drawing, blank, drawing_of
 from resgrid.live_page.examples import open_example
 from resgrid.live_page.frames import NO_VALUE, describe, picture_of, probe
-from resgrid.live_page.lattice_frames import sites_of_cells
 from resgrid.live_page.messages import DrawingHead, read_drawing, write_drawing
 from resgrid.live_page.saving import save
 from resgrid.live_page.settle import settle
@@ -60,7 +59,7 @@ def test_the_picture_shows_the_node_nearest_to_the_centre_of_every_cell(lattice:
     frame = solve_drawing(replace(lesson(lattice), k=k), exact=True)
     field = frame.field
     assert isinstance(field, rg.planning.LatticeField)
-    sites = sites_of_cells(field.lattice)
+    sites = field.lattice.central_sites
     index = np.stack(np.unravel_index(sites, field.lattice.shape), axis=-1)
     np.testing.assert_array_equal(field.lattice.cells(index), np.moveaxis(np.indices(sites.shape), 0, -1))
     scale, picture = picture_of(frame)
@@ -84,10 +83,7 @@ def test_currents_of_probe_obey_kirchhoff_s_current_law_and_follow_the_path(latt
     assert "amperes" not in shown and shown["bits"] is None
     assert shown["proved"][0] == "the largest current density leads to a lower potential"
     for node, cell, after in zip(path.nodes[:-2], path.cells, path.nodes[1:], strict=False):
-        if (
-            np.ravel_multi_index(tuple(node), path.field.lattice.shape)
-            != sites_of_cells(path.field.lattice)[tuple(cell)]
-        ):
+        if np.ravel_multi_index(tuple(node), path.field.lattice.shape) != path.field.lattice.central_sites[tuple(cell)]:
             continue  # another node represents this cell
         steps = probe(frame, cell.tolist())["steps"]
         way = path.field.lattice.points(after) - path.field.lattice.points(node)
