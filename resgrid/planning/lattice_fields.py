@@ -252,7 +252,7 @@ def lattice_field(op: OperatingPoint, *, read_out: ReadOut = "density") -> Latti
         log_drop=None if op.log_drop is None else _per_site(found, op.log_drop),
         step_direction=tuple(directions),
         step_log_current=tuple(logs),
-        k=0.0 if wiring.is_driven else 1.0,
+        k=0.0 if wiring.is_open else 1.0,
         read_out=read_out,
     )
 
@@ -261,7 +261,7 @@ def undriven_lattice_field(space: ConfigurationSpace, wiring: Wiring) -> Lattice
     """Return a field without currents: potential 0 at goal-connected sites, 1 in obstacles on a rail, NaN elsewhere."""
     lattice = lattice_of(wiring.lattice, space)
     potential = np.where(lattice.at_sites(space.goal_connected | (space.cell == Cell.GOAL)), 0.0, np.nan)
-    if not wiring.is_driven:
+    if not wiring.is_open:
         potential[lattice.at_sites(space.cell) == Cell.OBSTACLE] = 1.0
     count = len(lattice.steps)
     return LatticeField(
@@ -271,7 +271,7 @@ def undriven_lattice_field(space: ConfigurationSpace, wiring: Wiring) -> Lattice
         log_drop=None,
         step_direction=(np.zeros(lattice.shape, dtype=np.int8),) * count,
         step_log_current=(np.full(lattice.shape, -np.inf),) * count,
-        k=0.0 if wiring.is_driven else 1.0,
+        k=0.0 if wiring.is_open else 1.0,
     )
 
 
