@@ -43,6 +43,11 @@ class Lattice(ABC):
         """Number of sites."""
         return prod(self.shape)
 
+    @property
+    def directions(self) -> list[tuple[int, int]]:
+        """Step and sense of all directions; the sense is 1 for the step, and -1 for its negative, which follows it."""
+        return [(step, sense) for step in range(len(self.steps)) for sense in (1, -1)]
+
     @abstractmethod
     def points(self, site: ArrayLike) -> NDArray[np.float64]:
         """Return the points of sites in axis units, (..., ndim); `site` (..., ndim): indices of sites."""
@@ -50,6 +55,10 @@ class Lattice(ABC):
     @abstractmethod
     def cells(self, site: ArrayLike) -> NDArray[np.int64]:
         """Return the cells that contain sites, (..., ndim); `site` (..., ndim): indices of sites."""
+
+    def points_of(self, number: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Return the points of sites in axis units, (n, ndim); `number` (n,): flat indices of sites."""
+        return self.points(np.stack(np.unravel_index(number, self.shape), axis=1))
 
     @abstractmethod
     def beyond(self, step: int, sense: int) -> Index:
@@ -128,13 +137,12 @@ class Lattice(ABC):
     @cached_property
     def central_sites(self) -> NDArray[np.int64]:
         """Flat index of the site of each cell that is nearest to its centre, in the shape of the space."""
-        space, cells = self.space, np.stack(self.site_cells, axis=-1)
-        points = self.points(np.moveaxis(np.indices(self.shape), 0, -1))
-        off = np.linalg.norm((points - space.axis_centre(cells)) / space.spacing, axis=-1)
-        number = np.ravel_multi_index(self.site_cells, space.shape).ravel()
-        order = np.lexsort((off.ravel().round(9), number))
+        cells = np.stack([along.ravel() for along in self.site_cells], axis=1)
+        gap = (self.points_of(np.arange(self.size)) - self.space.axis_centre(cells)) / self.space.spacing
+        number = np.ravel_multi_index(tuple(cells.T), self.space.shape)
+        order = np.lexsort((np.linalg.norm(gap, axis=1).round(9), number))
         _, first = np.unique(number[order], return_index=True)
-        return np.asarray(order[first].reshape(space.shape), dtype=np.int64)
+        return np.asarray(order[first].reshape(self.space.shape), dtype=np.int64)
 
     def at_sites(self, value: NDArray[Any]) -> NDArray[Any]:
         """Return values of cells (shape of the space) at the sites, in the lattice's shape."""

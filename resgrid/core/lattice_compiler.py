@@ -18,7 +18,7 @@ goal to goal or obstacle     none                 none                          
 ===========================  ===================  ===============================  =======
 
 On ``square8`` and ``cube26``, blocked steps across an edge or a corner of cells have no contact: there the weights of
-face neighbours apply (`resgrid.core.lattices.CellLattice`), and contacts are those of the lattice "square".  A
+face neighbours apply (`resgrid.core.cell_lattices.CellLattice`), and contacts are those of the lattice "square".  A
 conductance is ``g c / R`` with the weight ``g`` of the step and the harmonic mean ``c`` of the conductivity along the
 segment; if only one end is free, its conductivity replaces that of the goal cell, and contacts with the obstacle rail
 have the conductivity of the free cell.  No resistor passes a blocked corner.
@@ -66,13 +66,14 @@ def compile_lattice(space: ConfigurationSpace, wiring: Wiring) -> Netlist:
     require_grid_memory(lattice.shape, "compiling the lattice", _PEAK * len(lattice.steps))
     code = lattice.at_sites(space.cell)
     own = code == Cell.FREE
-    if wiring.is_driven:
+    if wiring.is_open:
         own &= lattice.at_sites(space.goal_connected)
     if wiring.drive == "uniform" and not own.any():
         raise CircuitError("nothing is driven: no free cell is connected to a goal; move the goal or open a path to it")
     parts = [_no_links()]  # rings of a single cell have no steps
     parts += [_resistors(lattice, wiring, own, step) for step in range(len(lattice.steps))]
-    parts += [_contacts(lattice, wiring, own, step) for step in range(len(lattice.steps)) if not wiring.is_driven]
+    if not wiring.is_open:
+        parts += [_contacts(lattice, wiring, own, step) for step in range(len(lattice.steps))]
     links = _Links(*(np.concatenate(column) for column in zip(*parts, strict=True)))
     obstacle = GROUND + 1 if (links.step < 0).any() else -1
     first = GROUND + 1 + (obstacle >= 0)

@@ -309,7 +309,8 @@ def add_elements(
         return np.append(old, np.broadcast_to(new, len(added)))
 
     changes: dict[str, Any] = {pairs: np.concatenate([getattr(netlist, pairs), added])}
-    for name, value in zip(names, [*values, *[0.0] * (len(names) - len(values))], strict=True):
+    left_out = [0.0] * (len(names) - len(values))
+    for name, value in zip(names, [*values, *left_out], strict=True):
         if getattr(netlist, name) is not None:
             changes[name] = appended(getattr(netlist, name), value)
     if netlist.cell_map is not None and kind in _FACES:

@@ -54,17 +54,17 @@ def step_currents(field: LatticeField, index: tuple[int, int]) -> list[list[Any]
     The last entry states whether paths take the step. Currents are in units of supply / resistance. `index`: index of
     the cell along each axis.
     """
-    site, lattice = int(field.lattice.central_sites[index]), field.lattice
+    lattice = field.lattice
+    site = int(lattice.central_sites[index])
     rows = []
-    for step in range(len(lattice.steps)):
-        for sense in (1, -1):
-            there = int(lattice.neighbours(step, sense).ravel()[site])
-            if there < 0:
-                continue
-            inward = np.exp(field.outward(step, -sense)[there])
-            angle = float(np.arctan2(*(sense * _unit(lattice, step))[::-1]))
-            amperes = float(np.exp(field.outward(step, sense)[site]) - inward)
-            rows.append((angle % (2 * np.pi), amperes, bool(field.move[site] == 2 * step + (sense < 0))))
+    for number, (step, sense) in enumerate(lattice.directions):
+        there = int(lattice.neighbours(step, sense).ravel()[site])
+        if there < 0:
+            continue
+        inward = np.exp(field.outward(step, -sense)[there])
+        angle = float(np.arctan2(*(sense * _unit(lattice, step))[::-1]))
+        amperes = float(np.exp(field.outward(step, sense)[site]) - inward)
+        rows.append((angle % (2 * np.pi), amperes, bool(field.move[site] == number)))
     return [[_ARROWS[round(angle / (np.pi / 4)) % 8], *rest] for angle, *rest in sorted(rows)]
 
 
@@ -82,15 +82,14 @@ def segments(op: OperatingPoint) -> dict[str, Any]:
     def place(points: NDArray[np.float64]) -> NDArray[np.float64]:
         return (points - space.lower) / space.spacing
 
-    sites = np.stack(np.unravel_index(found.resistor_site, lattice.shape), axis=1)
     ohms, joins = 1.0 / netlist.conductance, found.resistor_step >= 0
-    first = lattice.points(sites)
+    first = lattice.points_of(found.resistor_site)
     second = first + lattice.steps[found.resistor_step]
     columns = [*place(first).T, *place(second).T, ohms, ohms * op.resistor_current, op.resistor_current]
     contact = np.zeros(lattice.size)
     np.add.at(contact, found.resistor_site[~joins], netlist.conductance[~joins])
     tied = np.flatnonzero(contact)
-    tied_places = place(lattice.points(np.stack(np.unravel_index(tied, lattice.shape), axis=1)))
+    tied_places = place(lattice.points_of(tied))
     own = np.argwhere((lattice.at_sites(space.cell) == Cell.FREE) & (found.node >= 0))
     return {
         "segments": np.stack([column[joins] for column in columns], axis=1).tolist(),

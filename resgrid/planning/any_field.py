@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from numpy.typing import ArrayLike
 
 from resgrid.circuit.operating_point import OperatingPoint
-from resgrid.core.lattice import require_square
+from resgrid.core.lattice import SQUARE, require_square
 from resgrid.core.space import ConfigurationSpace
 from resgrid.core.wiring import Wiring
 from resgrid.planning import fields
@@ -33,7 +33,7 @@ def field_of(op: OperatingPoint) -> AnyField:
 
 def undriven(space: ConfigurationSpace, wiring: Wiring) -> AnyField:
     """Return the field of a circuit without currents."""
-    if wiring.lattice == "square":
+    if wiring.lattice == SQUARE:
         return fields.undriven_field(space, wiring)
     return undriven_lattice_field(space, wiring)
 

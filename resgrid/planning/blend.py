@@ -10,8 +10,9 @@ from resgrid.core.cell import Cell
 from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError
 from resgrid.planning.fields import Field
+from resgrid.planning.lattice_fields import LatticeField
 
-CANCELLED = 1e-12
+_CANCELLED = 1e-12
 """Magnitude of a blended current below which it is rounding error and counts as zero, as a fraction of the larger of
 ``k |I_D|`` and ``(1 - k) |I_N|``, the two currents that are added."""
 
@@ -63,7 +64,8 @@ def blend(dirichlet: Field, neumann: Field, k: float, *, allow_start_drive: bool
     potential = k * dirichlet.potential + (1.0 - k) * neumann.potential
     potential = np.where(dirichlet.space.cell == Cell.OBSTACLE, np.nan, potential)
     masks = [field.safe for field in (dirichlet, neumann) if field.safe is not None]
-    parts = [_add_currents(dirichlet, neumann, axis, k) for axis in range(dirichlet.space.ndim)]
+    currents = (dirichlet.face_direction, dirichlet.face_log_current, neumann.face_direction, neumann.face_log_current)
+    parts = [add_currents(*four, k) for four in zip(*currents, strict=True)]
     return Field(
         space=dirichlet.space,
         wiring=dirichlet.wiring,
@@ -82,14 +84,14 @@ def check_k(k: float) -> None:
         raise InputError(f"k = {k!r}, but a blend needs 0 <= k <= 1 (1 is Dirichlet, 0 is Neumann)")
 
 
-def check_pair(dirichlet: Field, neumann: Field) -> None:
+def check_pair(dirichlet: Field | LatticeField, neumann: Field | LatticeField) -> None:
     """Raise InputError unless the fields are Dirichlet and Neumann, in this order, of one space, edge rule and leak."""
     if dirichlet.boundary not in {"dirichlet", "wall"} or neumann.boundary != "neumann":
         raise InputError(
             f"a blend takes a Dirichlet and a Neumann field, in this order; got {dirichlet.boundary!r} and "
             f"{neumann.boundary!r}"
         )
-    if not is_same_space(dirichlet.space, neumann.space):
+    if not _is_same_space(dirichlet.space, neumann.space):
         raise InputError("the two fields belong to different spaces; compile both from one space")
     if dirichlet.wiring.leak != neumann.wiring.leak:
         raise InputError(
@@ -102,7 +104,7 @@ def check_pair(dirichlet: Field, neumann: Field) -> None:
         )
 
 
-def is_same_space(first: ConfigurationSpace, second: ConfigurationSpace) -> bool:
+def _is_same_space(first: ConfigurationSpace, second: ConfigurationSpace) -> bool:
     """Return whether two spaces have equal axes, frames, cells and conductivities.
 
     A space without conductivities has 1.
@@ -114,21 +116,23 @@ def is_same_space(first: ConfigurationSpace, second: ConfigurationSpace) -> bool
     return placed and np.array_equal(first.cell, second.cell) and bool(np.all(one == other))
 
 
-def _add_currents(
-    dirichlet: Field, neumann: Field, axis: int, k: float
+def add_currents(
+    direction_d: NDArray[np.int8],
+    log_d: NDArray[np.float64],
+    direction_n: NDArray[np.int8],
+    log_n: NDArray[np.float64],
+    k: float,
 ) -> tuple[NDArray[np.int8], NDArray[np.float64]]:
-    """Return signs and natural log magnitudes of the currents ``k I_D + (1 - k) I_N`` through the faces across an axis.
+    """Return signs and natural log magnitudes of the currents ``k I_D + (1 - k) I_N``, arrays of one shape.
 
-    ``I_D, I_N``: currents of the fields `dirichlet` and `neumann`, in units of supply / resistance.  Sums within
-    rounding error are set to zero, with the logarithm -inf.  Both arrays have the shape of the space plus one along the
-    axis.
+    `direction_d`, `log_d`, `direction_n`, `log_n`: signs and natural log magnitudes of the currents ``I_D`` and ``I_N``
+    of the Dirichlet and the Neumann field.  Sums within rounding error are set to zero, with the logarithm -inf.
     """
-    log_d = dirichlet.face_log_current[axis] + np.log(k)
-    log_n = neumann.face_log_current[axis] + np.log1p(-k)
+    log_d, log_n = log_d + np.log(k), log_n + np.log1p(-k)
     largest = np.maximum(log_d, log_n)
     base = np.where(np.isfinite(largest), largest, 0.0)
-    total = dirichlet.face_direction[axis] * np.exp(log_d - base) + neumann.face_direction[axis] * np.exp(log_n - base)
-    total[np.abs(total) < CANCELLED] = 0.0
+    total = direction_d * np.exp(log_d - base) + direction_n * np.exp(log_n - base)
+    total[np.abs(total) < _CANCELLED] = 0.0
     with np.errstate(divide="ignore"):
         return np.sign(total).astype(np.int8), np.log(np.abs(total)) + base
 

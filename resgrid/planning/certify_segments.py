@@ -27,7 +27,7 @@ def certify_collision_free(path: AnyPath) -> None:
 
     Parameters
     ----------
-    path : Streamline, ShortPath or Polyline
+    path : Streamline, ShortPath, Polyline or NodePath
         The path to check.
 
     Raises

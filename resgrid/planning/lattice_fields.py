@@ -143,20 +143,11 @@ class LatticeField:
         back = self.lattice.neighbours(step, -1).ravel()
         return np.where(back >= 0, outward[back], -np.inf)
 
-    def rating(self, step: int, sense: int) -> NDArray[np.float64]:
+    def _rating(self, step: int, sense: int) -> NDArray[np.float64]:
         """Return the natural logarithm of the quantity that `read_out` compares, of every site in one direction, flat.
 
-        Parameters
-        ----------
-        step : int
-            Index of the step of the lattice.
-        sense : int
-            1 for the step, -1 for its negative.
-
-        Returns
-        -------
-        ndarray of float64, shape (sites,)
-            Outward current, or current density, in units of supply / resistance (and per cell width); -inf for none.
+        The quantity is the outward current or its density, in units of supply / resistance (and per cell width); -inf
+        for none.  `step`, `sense`: direction, as in `outward`.
         """
         outward = self.outward(step, sense)
         if self.read_out == "current":
@@ -170,35 +161,32 @@ class LatticeField:
 
     @cached_property
     def largest_rating(self) -> NDArray[np.float64]:
-        """Largest `rating` of every site, flat; -inf without outward current."""
+        """Natural logarithm of the largest quantity that `read_out` compares, of every site, flat; -inf for none."""
         largest = np.full(self.lattice.size, -np.inf)
-        for step in range(len(self.lattice.steps)):
-            for sense in (1, -1):
-                np.maximum(largest, self.rating(step, sense), out=largest)
+        for step, sense in self.lattice.directions:
+            np.maximum(largest, self._rating(step, sense), out=largest)
         return largest
 
     @cached_property
     def move(self) -> NDArray[np.int8]:
-        """Direction of the read-out from every site, flat: ``2 step``, plus 1 for the negative step; -1: none.
+        """Index in `Lattice.directions` of the direction of the read-out from every site, flat; -1 for none.
 
-        Of equal ratings (`SAME_CURRENT`) the first direction is taken.
+        Of directions with equal quantities (`SAME_CURRENT`) the first one is taken.
         """
         largest = self.largest_rating
-        directions = [(step, sense) for step in range(len(self.lattice.steps)) for sense in (1, -1)]
         move = np.full(self.lattice.size, -1, dtype=np.int8)
         flows = np.isfinite(largest)
-        for number, (step, sense) in reversed(list(enumerate(directions))):
-            move[flows & (self.rating(step, sense) >= largest - SAME_CURRENT)] = number
+        for number, (step, sense) in reversed(list(enumerate(self.lattice.directions))):
+            move[flows & (self._rating(step, sense) >= largest - SAME_CURRENT)] = number
         return move
 
     @cached_property
     def next_site(self) -> NDArray[np.int64]:
         """Flat index of the site to which the read-out leads from every site, -1 for none; lattice's shape."""
         there = np.full(self.lattice.size, -1, dtype=np.int64)
-        for step in range(len(self.lattice.steps)):
-            for sense in (1, -1):
-                own = np.flatnonzero(self.move == 2 * step + (sense < 0))
-                there[own] = self.lattice.neighbours(step, sense).ravel()[own]
+        for number, (step, sense) in enumerate(self.lattice.directions):
+            own = np.flatnonzero(self.move == number)
+            there[own] = self.lattice.neighbours(step, sense).ravel()[own]
         return there.reshape(self.lattice.shape)
 
 
@@ -238,7 +226,9 @@ def lattice_field(op: OperatingPoint, *, read_out: ReadOut = "density") -> Latti
             "'hexagonal'); rg.field reads the lattice 'square'"
         )
     if op.method == "none" and not op.resistor_current.any():
-        raise CircuitError("nothing is driven: all sites are at the voltage of the goal; move the goal, or open a way")
+        raise CircuitError(
+            "nothing is driven: all sites are at the voltage of the goal; move the goal, or open a path to it"
+        )
     if op.potential is None:
         raise InputError("this circuit has more rails or drives than a field is defined for")
     wiring, lattice = found.wiring, found.lattice
@@ -262,7 +252,7 @@ def lattice_field(op: OperatingPoint, *, read_out: ReadOut = "density") -> Latti
         log_drop=None if op.log_drop is None else _per_site(found, op.log_drop),
         step_direction=tuple(directions),
         step_log_current=tuple(logs),
-        k=0.0 if wiring.is_driven else 1.0,
+        k=0.0 if wiring.is_open else 1.0,
         read_out=read_out,
     )
 
@@ -271,7 +261,7 @@ def undriven_lattice_field(space: ConfigurationSpace, wiring: Wiring) -> Lattice
     """Return a field without currents: potential 0 at goal-connected sites, 1 in obstacles on a rail, NaN elsewhere."""
     lattice = lattice_of(wiring.lattice, space)
     potential = np.where(lattice.at_sites(space.goal_connected | (space.cell == Cell.GOAL)), 0.0, np.nan)
-    if not wiring.is_driven:
+    if not wiring.is_open:
         potential[lattice.at_sites(space.cell) == Cell.OBSTACLE] = 1.0
     count = len(lattice.steps)
     return LatticeField(
@@ -281,7 +271,7 @@ def undriven_lattice_field(space: ConfigurationSpace, wiring: Wiring) -> Lattice
         log_drop=None,
         step_direction=(np.zeros(lattice.shape, dtype=np.int8),) * count,
         step_log_current=(np.full(lattice.shape, -np.inf),) * count,
-        k=0.0 if wiring.is_driven else 1.0,
+        k=0.0 if wiring.is_open else 1.0,
     )
 
 

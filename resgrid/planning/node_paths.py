@@ -25,8 +25,8 @@ from resgrid.errors import AccuracyError, InputError
 from resgrid.planning.clearance import clearance_of
 from resgrid.planning.failure_reasons import FLAT, failure_reason
 from resgrid.planning.lattice_fields import LatticeField
-from resgrid.planning.streamline import Outcome, length_of
-from resgrid.planning.trace import Traces, one_start, start_cells, start_points, static_outcomes
+from resgrid.planning.streamline import Outcome, in_world, length_of, summary
+from resgrid.planning.trace import Traces, one_start, start_cells, static_outcomes
 
 
 @frozen
@@ -90,9 +90,7 @@ class NodePath:
     field: LatticeField
 
     def __repr__(self) -> str:
-        end = f"{self.outcome}" + ("" if self.goal is None else f" goal {self.goal}")
-        measures = f"length {self.length:.4g}, clearance {self.clearance:.4g}"
-        return f"<NodePath {end}: {len(self.line):,} points, {measures}>"
+        return f"<NodePath {summary(self.outcome, self.goal, len(self.line), self.length, self.clearance)}>"
 
     _repr_html_ = picture_html
 
@@ -116,9 +114,7 @@ class NodePath:
     @cached_property
     def points(self) -> NDArray[np.float64]:
         """Points of the path in world coordinates, shape (n, ndim)."""
-        points = self.space.frame.to_world(self.axis_points)
-        points.flags.writeable = False
-        return points
+        return in_world(self.axis_points, self.space)
 
     @cached_property
     def point_cells(self) -> NDArray[np.int64]:
@@ -171,17 +167,12 @@ def node_path(field: LatticeField, start: ArrayLike | None = None, *, cell: Sequ
     >>> rg.planning.node_path(planner.field, (0.5, 6.5))
     <NodePath reached goal 0: 12 points, length 10.26, clearance 0.5>
     """
-    require_lattice(field)
-    return follow_nodes(field, one_start(field.space, start, cell))
-
-
-def require_lattice(field: object) -> None:
-    """Raise InputError unless `field` is a `LatticeField`."""
     if not isinstance(field, LatticeField):
         raise InputError(
             f"node_path follows the field of a lattice, not {with_article(type(field).__name__)}; compile the space "
             "with lattice = 'square8', 'cube26' or 'hexagonal', or use rg.streamline"
         )
+    return follow_nodes(field, one_start(field.space, start, cell))
 
 
 def follow_nodes(field: LatticeField, point: NDArray[np.float64]) -> NodePath:
@@ -222,11 +213,6 @@ def follow_many_nodes(field: LatticeField, points: NDArray[np.float64]) -> Trace
         log_duration=np.full(len(paths), np.nan),
         steps=np.array([max(len(path.nodes) - 1, 0) for path in paths], dtype=np.int64),
     )
-
-
-def node_paths(field: LatticeField, starts: ArrayLike) -> list[NodePath]:
-    """Return the paths from starts (n, ndim) in world coordinates."""
-    return [follow_nodes(field, point) for point in start_points(field.space, starts)]
 
 
 def _first_site(field: LatticeField, cell: NDArray[np.int64], point: NDArray[np.float64]) -> NDArray[np.int64]:

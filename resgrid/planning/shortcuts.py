@@ -1,4 +1,4 @@
-"""Shortcuts: replacement of a streamline's bends by straight lines through free cells."""
+"""Shortcuts: replacement of the bends of a path by straight lines through free cells."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ def shortcut(
 
     First, each corner is connected to a farther point of the path, found by doubling steps and bisection.  Then
     ``rounds`` random chords between points of the path are tried (Geraerts & Overmars, Int. J. Robotics Research 26
-    (2007) 845).  Other parts of the streamline are unchanged, so that the path meets no obstacle, and its length never
-    increases.  New lines keep the distance ``clearance``, so that the path has at least half of the streamline's
+    (2007) 845).  Other parts of the path are unchanged, so that the path meets no obstacle, and its length never
+    increases.  New lines keep the distance ``clearance``, so that the path has at least half of the original's
     clearance, unless a smaller value is given.  Costs (the space's conductivity) are ignored.
 
     Parameters
@@ -48,7 +48,7 @@ def shortcut(
         A path that reached a goal.
     clearance : float, optional
         Minimum distance, in axis units, of new lines from obstacle cells and from edges that count as obstacles, at
-        least 0.  By default half of the streamline's clearance, but at least a quarter of the smallest cell width.
+        least 0.  By default half of the path's clearance, but at least a quarter of the smallest cell width.
         With 0, lines may pass obstacles at a distance of rounding errors.
     rounds : int
         Number of random chords that are tried.
@@ -63,7 +63,7 @@ def shortcut(
     Raises
     ------
     InputError
-        If the streamline reached no goal, or an option is out of range.
+        If the path reached no goal, or an option is out of range.
     CertificateError
         If the result touches an obstacle, which would be an error in this function.
 

@@ -1,4 +1,4 @@
-"""Paths in a configuration space: streamlines, shortcut streamlines and user-defined polylines."""
+"""Paths in a configuration space: streamlines and user-defined polylines."""
 
 from __future__ import annotations
 
@@ -113,9 +113,7 @@ class Streamline:
     field: Field
 
     def __repr__(self) -> str:
-        end = f"{self.outcome}" + ("" if self.goal is None else f" goal {self.goal}")
-        measures = f"length {self.length:.4g}, clearance {self.clearance:.4g}"
-        return f"<Streamline {end}: {len(self.line):,} points, {measures}>"
+        return f"<Streamline {summary(self.outcome, self.goal, len(self.line), self.length, self.clearance)}>"
 
     _repr_html_ = picture_html
 
@@ -243,6 +241,12 @@ def distinct_rows(points: NDArray[np.float64], tolerance: NDArray[np.float64]) -
 def length_of(points: NDArray[np.float64]) -> float:
     """Return the length of the polyline through `points` (n, ndim), in the unit of the points."""
     return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+
+
+def summary(outcome: Outcome, goal: int | None, points: int, length: float, clearance: float) -> str:
+    """Return one line on a path: outcome, goal, number of points, and length and clearance in axis units."""
+    end = f"{outcome}" + ("" if goal is None else f" goal {goal}")
+    return f"{end}: {points:,} points, length {length:.4g}, clearance {clearance:.4g}"
 
 
 def in_world(axis_points: NDArray[np.float64], space: ConfigurationSpace) -> NDArray[np.float64]:

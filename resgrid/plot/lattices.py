@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from resgrid.core.cell import Cell
 from resgrid.core.hexagonal_lattice import HexagonalLattice
-from resgrid.core.lattice import Lattice
 from resgrid.core.netlist import Netlist
 from resgrid.errors import InputError
 from resgrid.planning.any_field import FieldPath
@@ -83,11 +82,9 @@ def draw_lattice_netlist(netlist: Netlist, ax: Axes | None = None) -> Axes:
     lattice = found.lattice
     step = found.resistor_step.astype(np.int64)
     between = step >= 0
-    sites = np.stack(np.unravel_index(found.resistor_site, lattice.shape), axis=1)
-    starts = lattice.points(sites[between])
+    starts = lattice.points_of(found.resistor_site[between])
     ends = starts + lattice.steps[step[between]]
-    contact = np.unique(found.resistor_site[~between])
-    tied = lattice.points(np.stack(np.unravel_index(contact, lattice.shape), axis=1))
+    tied = lattice.points_of(np.unique(found.resistor_site[~between]))
 
     def resistors(panel: Panel) -> None:
         panel.draw_cells()
@@ -134,7 +131,7 @@ def _draw_hexagons(lattice: HexagonalLattice, shading: Shading, panel: Panel) ->
     below = np.full(lattice.space.shape, np.nan)
     below[lattice.site_cells] = shading.values
     draw_image(panel.plane, below, panel.axes, cmap=shading.colours, vmin=shading.lower, vmax=shading.upper, zorder=0.4)
-    index = np.argwhere(np.isfinite(shading.values) & (_codes(lattice) != Cell.OBSTACLE))
+    index = np.argwhere(np.isfinite(shading.values) & (lattice.at_sites(lattice.space.cell) != Cell.OBSTACLE))
     points = lattice.points(index)
     corners = points[:, np.newaxis] + _hexagon(lattice)
     polygons = panel.seen(corners.reshape(-1, 2)).reshape(-1, 6, 2)
@@ -146,12 +143,6 @@ def _draw_hexagons(lattice: HexagonalLattice, shading: Shading, panel: Panel) ->
     panel.axes.add_collection(drawn, autolim=False)
     drawn.set_clip_path(Polygon(panel.plane.corners, transform=panel.axes.transData))
     return drawn
-
-
-def _codes(lattice: Lattice) -> NDArray[np.uint8]:
-    """Return the `Cell` codes at the sites, in the lattice's shape."""
-    codes: NDArray[np.uint8] = lattice.at_sites(lattice.space.cell)
-    return codes
 
 
 def _hexagon(lattice: HexagonalLattice) -> NDArray[np.float64]:
