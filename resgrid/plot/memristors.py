@@ -56,14 +56,13 @@ def _draw_map(result: MemristiveTransient, cells: CellMap, at: int, ax: Axes | N
     number, lower, upper, _ = resistor_ends(cells)
     siemens = np.zeros(len(cells.resistor_face))
     siemens[result.circuit.memristors] = 1 / result.resistance[at]
-    number, face = number[siemens[number] > 0], cells.resistor_face
-    links, first, which = np.unique(face[number], return_index=True, return_inverse=True)
+    drawn = siemens[number] > 0
+    number, lower, upper = number[drawn], lower[drawn], upper[drawn]
+    links, first, which = np.unique(cells.resistor_face[number], return_index=True, return_inverse=True)
     ohms = 1 / np.bincount(which.ravel(), siemens[number], len(links))
-    of_number = {index: row for row, index in enumerate(resistor_ends(cells)[0].tolist())}
-    rows = [of_number[index] for index in number[first].tolist()]
     origin = np.array([axis.lower for axis in cells.space.axes])
     width = np.array([axis.spacing for axis in cells.space.axes])
-    segments = np.stack([origin + width * lower[rows], origin + width * upper[rows]], axis=1)
+    segments = np.stack([origin + width * lower[first], origin + width * upper[first]], axis=1)
     lines = LineCollection(
         list(segments), array=ohms, cmap=strength_map().reversed(), norm=LogNorm(*_range(result)), linewidths=2.2
     )
