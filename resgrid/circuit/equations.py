@@ -17,6 +17,9 @@ from resgrid.solvers.laplacian import EdgeList, Grid, Laplacian, Rails
 _MANY = 20_000
 """Largest number of current sources at ground whose currents are summed exactly; longer sums are rounded."""
 
+ALWAYS_RECOVERED = 500
+"""Number of nodes up to which currents of circuits without cells are always recovered; recovery takes milliseconds."""
+
 
 def sum_by_row(row: NDArray[np.int32], values: NDArray[np.float64], size: int) -> NDArray[np.float64]:
     """Return the sum of the values of every row, (n,).

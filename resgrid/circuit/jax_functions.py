@@ -109,9 +109,9 @@ def jax_solver(
         if len(values) != len(given):
             raise InputError(f"{len(values)} arguments are given for the inputs {', '.join(host.inputs)}; give each")
         arrays = [jax.numpy.asarray(value, dtype=np.float64) for value in values]
-        for name, array, wanted in zip(host.inputs, arrays, given, strict=True):
-            if array.shape != wanted.shape:
-                raise InputError(f"{name} has shape {array.shape}; give an array of shape {wanted.shape}")
+        for name, array, default in zip(host.inputs, arrays, given, strict=True):
+            if array.shape != default.shape:
+                raise InputError(f"{name} has shape {array.shape}; give an array of shape {default.shape}")
         return solved(*arrays)
 
     return function
@@ -140,7 +140,7 @@ class _Host:
     def require_compiled(self) -> None:
         """Raise InputError unless the conductances are those of the compiled space."""
         netlist = self.netlist
-        compiled = self._conductances(_conductivity(netlist.cells.space))
+        compiled = self._compiled(_conductivity(netlist.cells.space)).conductance
         if netlist.nonlinear_nodes.size or not np.array_equal(compiled, netlist.conductance):
             raise InputError(
                 "the resistors of the netlist differ from those of its compiled space, so that conductivities do not "
@@ -181,21 +181,15 @@ class _Host:
 
     def changed(self, values: Sequence[NDArray[np.float64]]) -> Netlist:
         """Return the netlist with the values of the inputs."""
-        changes = {
-            "conductance" if name == "conductivity" else _FIELDS[name]: (
-                self._conductances(value) if name == "conductivity" else value
-            )
-            for name, value in zip(self.inputs, values, strict=True)
-        }
-        netlist = self.netlist.replace(**changes)
-        if "conductivity" not in self.inputs:
-            return netlist
-        # Derivatives with respect to conductivities are taken at the space of the cell map.
-        return netlist.replace(cell_map=self._compiled(values[self.inputs.index("conductivity")]).cell_map)
-
-    def _conductances(self, conductivity: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the conductances of the compiled space with other conductivities."""
-        return self._compiled(conductivity).conductance
+        changes: dict[str, Any] = {}
+        for name, value in zip(self.inputs, values, strict=True):
+            if name == "conductivity":
+                # Derivatives with respect to conductivities are taken at the space of the cell map.
+                compiled = self._compiled(value)
+                changes |= {"conductance": compiled.conductance, "cell_map": compiled.cell_map}
+            else:
+                changes[_FIELDS[name]] = value
+        return self.netlist.replace(**changes)
 
     def _compiled(self, conductivity: NDArray[np.float64]) -> Netlist:
         """Return the compiled space with other conductivities, (shape of the space)."""

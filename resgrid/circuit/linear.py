@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid.circuit.equations import Equations, assemble, components_of
+from resgrid.circuit.equations import ALWAYS_RECOVERED, Equations, assemble, components_of
 from resgrid.circuit.operating_point import BranchCurrents, OperatingPoint
 from resgrid.circuit.postprocess import (
     DIRECTION_RESIDUAL,
@@ -37,12 +37,6 @@ _LARGEST_ROUNDING = 1e-10
 Beyond the limit, currents of circuits with more than 20,000 rows are recovered too
 (`resgrid.circuit.current_recovery`).
 """
-
-_SMALL = 500
-"""Number of nodes up to which currents of circuits without cells are always recovered; recovery takes milliseconds."""
-
-_STIFF = 1e-9
-"""Ratio of the smallest to the largest conductance; below it, errors of large currents may exceed small currents."""
 
 
 def solve_linear(
@@ -205,16 +199,13 @@ def _suggests_cancellation(system: Equations, point: OperatingPoint) -> bool:
     rounding, few = float(np.abs(forest.rounding).max(initial=0.0)), system.size <= EXACT_ROWS
     if forest.largest_offset > 0.0 or point.kcl_residual > DIRECTION_RESIDUAL:
         return True
-    if system.netlist.space_map is None and system.netlist.node_count <= _SMALL:
+    if system.netlist.space_map is None and system.netlist.node_count <= ALWAYS_RECOVERED:
         return True
     if few and ((system.rails is None and point.potential is None) or np.any(forest.parent > GROUND)):
         return True
     if rounding > 0.0 and (few or rounding > _LARGEST_ROUNDING * volts[volts > 0.0].min()):
         return True
-    if not (few and system.size):
-        return False
-    found = conductance_statistics(system.laplacian)
-    return bool(found.smallest < _STIFF * found.largest)
+    return bool(few and system.size) and conductance_statistics(system.laplacian).is_stiff
 
 
 def _recover(system: Equations, run: _Run, solution: _Solution) -> _Solution:

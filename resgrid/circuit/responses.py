@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.circuit.current_recovery import recover_currents
-from resgrid.circuit.equations import Equations, assemble
+from resgrid.circuit.equations import ALWAYS_RECOVERED, Equations, assemble
 from resgrid.circuit.postprocess import (
     DIRECTION_RESIDUAL,
     NodeValues,
@@ -35,12 +35,6 @@ from resgrid.solvers.progress import ProgressMonitor
 from resgrid.solvers.refinement import CERTAIN, corrected, is_answer, minus, quotient
 from resgrid.solvers.scaled import Numbers, Scaled, canonical, power
 from resgrid.solvers.threads import SINGLE_THREAD
-
-_SMALL = 500
-"""Number of nodes up to which currents of circuits without cells are always recovered, which takes milliseconds."""
-
-_STIFF = 1e-9
-"""Ratio of the smallest to the largest conductance, below which voltage differences may lose their digits."""
 
 _PLAIN = 2
 """Largest difference of the exponents of ``2**256`` of injected currents whose response can be recovered in doubles."""
@@ -159,10 +153,9 @@ class SourceFreeCircuit:
         """
         if system.size > EXACT_ROWS:
             return error > DIRECTION_RESIDUAL
-        if error > CERTAIN or (self.netlist.cell_map is None and self.netlist.node_count <= _SMALL):
+        if error > CERTAIN or (self.netlist.cell_map is None and self.netlist.node_count <= ALWAYS_RECOVERED):
             return True
-        found = conductance_statistics(system.laplacian)
-        return found.smallest < _STIFF * found.largest
+        return conductance_statistics(system.laplacian).is_stiff
 
     def _source_currents(self, resistor: Numbers, amps: Numbers) -> Numbers:
         """Return the currents into the plus terminals of the voltage sources (sources,), as mantissas and exponents.

@@ -27,6 +27,9 @@ VOLUME = 4.2
 WEAK = 0.1
 """A conductance is weak if it is below this fraction of the strongest conductance at either of its ends."""
 
+_STIFF = 1e-9
+"""Ratio of the smallest to the largest conductance; below it, errors of large currents may exceed small currents."""
+
 
 class EdgeList(NamedTuple):
     """List of edges between vertices: edge ``k`` joins the rows ``row[ends[k]]`` of the matrix.
@@ -173,6 +176,11 @@ class ConductanceStatistics:
     decades: float
     smallest: float
     largest: float
+
+    @property
+    def is_stiff(self) -> bool:
+        """Whether errors of currents in large conductances may exceed currents in small ones."""
+        return self.smallest < _STIFF * self.largest
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,10 +1,10 @@
 """Equations of a circuit with memristors, ``C v' = F(v, x, t)``, ``x' = H(v, x, t)``, and their linearization.
 
 ``v`` are the voltages of the rows (unknown voltages, as in `resgrid.circuit.dynamics`), ``x`` the coordinates of the
-states (`resgrid.circuit.transients.state_coordinates`).  ``F`` is the current that charges every row, and ``H = k i
-phi(x)`` the drift.  ``C`` is singular: a row
-without capacitance is an algebraic equation.  All sources have the same waveform ``w(t)``, so that the voltage across
-an element is ``u = A v + w lift``, with the incidence matrix ``A`` and the voltages ``lift`` between the rails.
+states (`resgrid.circuit.transients.state_coordinates`).  ``F`` is the current that charges every row, and
+``H = k i phi(x)`` the drift.  ``C`` is singular: a row without capacitance is an algebraic equation.  All sources have
+the same waveform ``w(t)``, so that the voltage across an element is ``u = A v + w lift``, with the incidence matrix
+``A`` and the voltages ``lift`` between the rails.
 
 A step of a Rosenbrock method solves with ``(M / (gamma h) - J)``.  The block of the states is diagonal and is
 eliminated.  The remaining matrix has the pattern of a nodal matrix, in which the conductance of a memristor is larger

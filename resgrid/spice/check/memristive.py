@@ -12,6 +12,7 @@ from resgrid.errors import InputError
 from resgrid.spice.check.agreement import Agreement
 from resgrid.spice.circuit import SHOWN, some
 from resgrid.spice.run import SIMULATED
+from resgrid.spice.run.ngspice import bare_name
 from resgrid.spice.run.rawfile import RawFile
 from resgrid.spice.run.transients import simulate_transient
 from resgrid.spice.write.memristive_sidecar import MemristiveSidecar
@@ -92,8 +93,7 @@ def _at_times(raw: RawFile, times: NDArray[np.float64]) -> dict[str, NDArray[np.
     found = {}
     for name, kind, column in zip(raw.names, raw.kinds, raw.values.T, strict=True):
         if kind == "voltage":
-            bare = name[2:-1] if name[1:2] == "(" and name.endswith(")") else name
-            found[bare] = np.asarray(
+            found[bare_name(name)] = np.asarray(
                 PchipInterpolator(instant[keep], np.asarray(column, dtype=np.float64)[keep])(times)
             )
     return found

@@ -232,15 +232,13 @@ def result_in(folder: Path, simulator: str, version: str, status: int) -> Simula
     """
     complaints = complaints_in(folder, simulator)
     try:
-        raw = _operating_point(folder / RAW)
+        raw = _operating_point(folder)
     except InputError as error:
         return SimulatorRun({}, {}, simulator, version, (f"{error} (exit status {status})", *complaints))
     read: dict[str, dict[str, float]] = {"voltage": {}, "current": {}}
     for name, kind, value in zip(raw.names, raw.kinds, raw.values[0].tolist(), strict=True):
         if kind in read:  # n_0_0 from v(n_0_0), v_obstacle from i(v_obstacle) or v_obstacle#branch
-            inner = name[2:-1] if name[1:2] == "(" and name.endswith(")") else name
-            inner += ")" * (inner.count("(") - inner.count(")"))  # ngspice writes v(net-(r1) for net-(r1)
-            read[kind][inner.removesuffix("#branch")] = value
+            read[kind][bare_name(name).removesuffix("#branch")] = value
     return SimulatorRun(read["voltage"], read["current"], simulator, version, complaints)
 
 
@@ -251,13 +249,29 @@ def complaints_in(folder: Path, simulator: str) -> tuple[str, ...]:
     return tuple(f"{simulator} says: {line[:200]}" for line in list(bad)[:_MAX_COMPLAINTS])
 
 
-def _operating_point(path: Path) -> RawFile:
-    """Return the content of the raw file `path`; raise InputError unless it is one operating point with voltages."""
+def bare_name(name: str) -> str:
+    """Return the name of a node or an element from that of a variable in a raw file: ``n_0_0`` for ``v(n_0_0)``."""
+    inner = name[2:-1] if name[1:2] == "(" and name.endswith(")") else name
+    return inner + ")" * (inner.count("(") - inner.count(")"))  # ngspice writes v(net-(r1) for net-(r1)
+
+
+def plot_in(folder: Path, plot: str, analysis: str) -> RawFile:
+    """Return the raw file in a folder; raise InputError if it is missing or holds another plot.
+
+    `plot`: expected name of the plot; `analysis`: the analysis in messages, with its article.
+    """
+    path = folder / RAW
     if not path.is_file():
         raise InputError("ngspice wrote no raw file")
     raw = read_rawfile(path.read_bytes(), "ngspice's raw file")
-    if raw.plot != _PLOT:
-        raise InputError(f"ngspice computed {raw.plot!r} instead of an operating point")
+    if raw.plot != plot:
+        raise InputError(f"ngspice computed {raw.plot!r} instead of {analysis}")
+    return raw
+
+
+def _operating_point(folder: Path) -> RawFile:
+    """Return the raw file in a folder; raise InputError unless it is one operating point with voltages."""
+    raw = plot_in(folder, _PLOT, "an operating point")
     if raw.values.shape[0] != 1 or np.iscomplexobj(raw.values):
         raise InputError(
             f"ngspice wrote {raw.values.shape[0]} points of type {raw.values.dtype}, not one point of real numbers"

@@ -10,11 +10,12 @@ from resgrid.spice.run.ngspice import (
     RAW,
     complaints_in,
     find_program,
+    plot_in,
     refuse_commands,
     run_quietly,
     version_of,
 )
-from resgrid.spice.run.rawfile import RawFile, read_rawfile
+from resgrid.spice.run.rawfile import RawFile
 
 _PLOT = "Transient Analysis"
 
@@ -40,11 +41,7 @@ def simulate_transient(
         status = run_quietly([program, "-n", "-b", "-r", str(folder / RAW), "run.cir"], folder, timeout, source)
         messages = complaints_in(folder, "ngspice")
         try:
-            if not (folder / RAW).is_file():
-                raise InputError("ngspice wrote no raw file")
-            raw = read_rawfile((folder / RAW).read_bytes(), "ngspice's raw file")
-            if raw.plot != _PLOT:
-                raise InputError(f"ngspice computed {raw.plot!r} instead of a transient")
+            raw = plot_in(folder, _PLOT, "a transient")
         except InputError as error:
             return None, version, (f"{error} (exit status {status})", *messages)
         return raw, version, messages

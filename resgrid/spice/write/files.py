@@ -171,10 +171,7 @@ def write_spice(
     if form == "cells":
         more["difference_from_flat"] = difference_from_ideal(op)
     texts["json"] = format_sidecar(target.name, deck, answers, more)
-    files = {key: target.with_name(f"{target.name}.{key}") for key in texts}
-    with ExitStack() as stack:  # all files are renamed at the end, the deck last: hashes reveal an interrupted set
-        for path, text in ((target, deck.text), *((files[key], text) for key, text in reversed(texts.items()))):
-            stack.enter_context(atomic_path(path)).write_bytes(text.encode())
+    files = write_set(target, deck.text, texts)
     return WrittenDeck(
         path=target,
         commands=files[deck.dialect.name],
@@ -222,6 +219,19 @@ def checked_target(target: Path) -> Path:
             "use printable characters without quotes"
         )
     return target
+
+
+def write_set(target: Path, deck: str, texts: Mapping[str, str]) -> dict[str, Path]:
+    """Write a deck and the files that accompany it; return the paths of these files by suffix.
+
+    `target`, `deck`: path and content of the deck; `texts`: contents of the other files by suffix.  All files are
+    renamed at the end, the deck last, so that hashes reveal an interrupted set.
+    """
+    files = {key: target.with_name(f"{target.name}.{key}") for key in texts}
+    with ExitStack() as stack:
+        for path, text in ((target, deck), *((files[key], text) for key, text in reversed(list(texts.items())))):
+            stack.enter_context(atomic_path(path)).write_bytes(text.encode())
+    return files
 
 
 def _described(analysis: Analysis) -> dict[str, Any]:

@@ -11,14 +11,12 @@ largest possible drift.
 from __future__ import annotations
 
 import os
-from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid._internal.files import atomic_path
 from resgrid._internal.numbers import Positive
 from resgrid.circuit.transients.memristive import memristive_transient
 from resgrid.circuit.transients.memristors import MemristiveCircuit, Memristor
@@ -26,7 +24,7 @@ from resgrid.circuit.transients.waveforms import drive_at, waveform_corners
 from resgrid.errors import InputError
 from resgrid.spice.dialects import dialect_named
 from resgrid.spice.dialects.record import GROUND_NAME, Dialect
-from resgrid.spice.write.files import WrittenDeck, checked_target
+from resgrid.spice.write.files import WrittenDeck, checked_target, write_set
 from resgrid.spice.write.flat import (
     Additions,
     choose_elements,
@@ -146,11 +144,7 @@ def write_memristive(
         dict(zip(deck.node_names, deck.nodes.tolist(), strict=True)),
         deck.memristors,
     )
-    texts = {suffix: commands, "json": sidecar}
-    files = {key: target.with_name(f"{target.name}.{key}") for key in texts}
-    with ExitStack() as stack:  # all files are renamed at the end, the deck last: hashes reveal an interrupted set
-        for path, text in ((target, deck.text), *((files[key], text) for key, text in reversed(texts.items()))):
-            stack.enter_context(atomic_path(path)).write_bytes(text.encode())
+    files = write_set(target, deck.text, {suffix: commands, "json": sidecar})
     return WrittenDeck(target, files[suffix], files["json"], digest(deck.text.encode()), left_out=deck.left_out)
 
 

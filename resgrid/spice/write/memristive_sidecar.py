@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,17 +13,14 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 from resgrid._internal.files import read_bytes
 from resgrid.circuit.transients.memristive import MemristiveTransient
 from resgrid.errors import InputError
-from resgrid.spice.write.sidecar import digest, sidecar_path
+from resgrid.spice.write.sidecar import BLANK, PositiveNumber, digest, format_hashed, is_intact, sidecar_path
 
 KIND = "memristive"
-_BLANK = "0" * 64
 _MAX_BYTES = 2**28
 """Largest sidecar that is read, in bytes."""
 
 TOLERANCE = 1e-3
 """Largest accepted error of a voltage relative to the largest voltage difference, and of a state."""
-
-_Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 
 class MemristorNames(NamedTuple):
@@ -43,21 +40,22 @@ class _Waves(BaseModel):
 class MemristiveSidecar(BaseModel):
     """Content of the sidecar of a deck with memristors, without informative keys.
 
-    `intact`: whether the file is unaltered according to its own hash; `sha256`: hash of the deck; `dialect`: name of
-    its dialect; `supply`: largest voltage difference, in volts; `tolerance`: largest accepted relative error; `times`:
-    times of the expected values, in seconds; `nodes`, `states`: expected values by name; `companions`: hash of the file
-    of commands by its name.
+    `intact`: whether the file is unaltered according to its own hash; `own_sha256`, `sha256`: hashes of the file and of
+    the deck; `dialect`: name of the deck's dialect; `supply`: largest voltage difference, in volts; `tolerance`:
+    largest accepted relative error; `times`: times of the expected values, in seconds; `nodes`, `states`: expected
+    values by name; `companions`: hash of the file of commands by its name.
     """
 
     model_config = ConfigDict(strict=True, frozen=True)
     intact: bool = False
     schema_: Literal[1] = Field(alias="schema")
     kind: Literal["memristive"]
+    own_sha256: str
     sha256: str
     dialect: str
-    supply: _Positive
-    tolerance: _Positive
-    times: list[_Positive]
+    supply: PositiveNumber
+    tolerance: PositiveNumber
+    times: list[PositiveNumber]
     nodes: dict[str, _Waves]
     states: dict[str, _Waves]
     companions: dict[str, str]
@@ -82,7 +80,7 @@ def format_memristive_sidecar(
     head: dict[str, Any] = {
         "schema": 1,
         "kind": KIND,
-        "own_sha256": _BLANK,
+        "own_sha256": BLANK,
         "deck": name,
         "sha256": digest(text.encode()),
         "dialect": commands[0],
@@ -98,7 +96,6 @@ def format_memristive_sidecar(
         },
         "times": run.times.tolist(),
     }
-    fields = [f"{json.dumps(key)}: {json.dumps(value, sort_keys=True, allow_nan=False)}" for key, value in head.items()]
     volts = [f'"{key}": {{"values": {run.voltage[:, node].tolist()}}}' for key, node in nodes.items()]
     states = [
         f'"{state}": '
@@ -111,9 +108,7 @@ def format_memristive_sidecar(
         )
         for number, state, ends in zip(*memristors, strict=True)
     ]
-    fields += ['"nodes": {\n' + ",\n".join(volts) + "\n}", '"states": {\n' + ",\n".join(states) + "\n}"]
-    blank = "{\n" + ",\n".join(fields) + "\n}\n"
-    return blank.replace(_BLANK, digest(blank.encode()), 1)
+    return format_hashed(head, {"nodes": volts, "states": states})
 
 
 def read_memristive_sidecar(deck: Path) -> MemristiveSidecar | None:
@@ -129,12 +124,10 @@ def read_memristive_sidecar(deck: Path) -> MemristiveSidecar | None:
         return None
     try:
         sidecar = MemristiveSidecar.model_validate_json(data)
-        own = json.loads(data)["own_sha256"]
-        blank = data.replace(str(own).encode(), _BLANK.encode(), 1)
         waves = [*sidecar.nodes.values(), *sidecar.states.values()]
         if any(len(each.values) != len(sidecar.times) for each in waves):
             raise InputError(f"the sidecar {path} is damaged: values and times differ in length; write the deck again")
-        return sidecar.model_copy(update={"intact": digest(blank) == own})
-    except (ValidationError, KeyError) as error:
+        return sidecar.model_copy(update={"intact": is_intact(data)})
+    except ValidationError as error:
         problem = str(error).splitlines()[0]
         raise InputError(f"the sidecar {path} is damaged: {problem}; write the deck again") from error

@@ -10,7 +10,7 @@ import hashlib
 import json
 import platform
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from itertools import zip_longest
@@ -35,7 +35,7 @@ _BLOCK_DIGITS = 16
 """Number of hexadecimal digits of a block's hash that a sidecar contains."""
 _MAX_BYTES = 2**31
 """Largest sidecar that is read, in bytes."""
-_BLANK = "0" * 64
+BLANK = "0" * 64
 """Text in place of the sidecar's own hash while this hash is computed."""
 _CONDUCTANCE_FRACTION = 1e-3
 """Lower limit of the scale of current errors, as a fraction of the largest conductance times the supply voltage.
@@ -113,7 +113,7 @@ def digest(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()
 
 
-_Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+PositiveNumber = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 
 class _Blocks(BaseModel):
@@ -151,8 +151,8 @@ class Sidecar(BaseModel):
     blocks: _Blocks
     nodes: dict[str, _Node]
     sources: dict[str, FiniteFloat | None]
-    supply: _Positive
-    current_scale: _Positive
+    supply: PositiveNumber
+    current_scale: PositiveNumber
     kcl_residual: FiniteFloat
     files: dict[str, str] = {}
     companions: dict[str, str] = {}
@@ -180,7 +180,7 @@ def format_sidecar(deck_name: str, deck: FlatDeck, expected: Expected, more: Map
     data = deck.text.encode("utf-8")
     head = {
         "schema": SCHEMA,
-        "own_sha256": _BLANK,
+        "own_sha256": BLANK,
         "deck": deck_name,
         "sha256": digest(data),
         "dialect": deck.dialect.name,
@@ -195,10 +195,25 @@ def format_sidecar(deck_name: str, deck: FlatDeck, expected: Expected, more: Map
         "sources": dict(expected.source_current),
         **more,
     }
+    return format_hashed(head, {"nodes": _node_lines(deck, expected)})
+
+
+def format_hashed(head: Mapping[str, Any], tables: Mapping[str, Iterable[str]]) -> str:
+    """Return a JSON object as text, with its own hash in place of the first `BLANK`.
+
+    `head`: keys and values, one per line; `tables`: further objects by key, as lines of JSON without commas.
+    """
     fields = [f"{json.dumps(key)}: {json.dumps(value, sort_keys=True, allow_nan=False)}" for key, value in head.items()]
-    fields.append('"nodes": {\n' + ",\n".join(_node_lines(deck, expected)) + "\n}")
+    fields += [f'"{key}": {{\n' + ",\n".join(lines) + "\n}" for key, lines in tables.items()]
     blank = "{\n" + ",\n".join(fields) + "\n}\n"
-    return blank.replace(_BLANK, digest(blank.encode()), 1)
+    return blank.replace(BLANK, digest(blank.encode()), 1)
+
+
+def is_intact(data: bytes) -> bool:
+    """Return whether the content of a sidecar agrees with its own hash."""
+    own = _OWN.search(data)
+    blank = _OWN.sub(BLANK.encode(), data, count=1)
+    return own is not None and digest(blank).encode() == own[0]
 
 
 def _node_lines(deck: FlatDeck, expected: Expected) -> Iterator[str]:
@@ -229,11 +244,8 @@ def read_sidecar(deck: Path) -> Sidecar:
     """
     path = sidecar_path(deck)
     data = read_bytes(path, _MAX_BYTES)
-    own = _OWN.search(data)
-    blank = _OWN.sub(_BLANK.encode(), data, count=1)
-    intact = own is not None and digest(blank).encode() == own[0]
     try:
-        return Sidecar.model_validate_json(data).model_copy(update={"path": path, "intact": intact})
+        return Sidecar.model_validate_json(data).model_copy(update={"path": path, "intact": is_intact(data)})
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         key, problem = ".".join(map(str, first["loc"])), first["msg"].partition(" or instance")[0]
