@@ -32,8 +32,8 @@ SPARE = 0.05
 def bill_rows(board: Board) -> list[tuple[str, int, str, str, str, str]]:
     """Return the rows of the bill of materials, one for each kind of part.
 
-    A row contains the references of the parts, their number, and as text their value, package, tolerance and
-    description.
+    A row contains the references of the parts as text (`reference_ranges`), the quantity, and as text value, package,
+    tolerance and description; package and tolerance are empty where a kind of part has none.
     """
     by_value: dict[float, list[str]] = {}
     for part in board.circuit.resistors:
@@ -79,8 +79,8 @@ def format_bill(board: Board) -> str:
 def format_voltages(board: Board) -> str:
     """Return the expected voltage of every test pad as CSV text.
 
-    A line also contains the cell of the pad (column, row, coordinates, kind), its net, and its pin of a converter
-    header.
+    A line also contains the cell of the pad (column, row, coordinates of the centre, kind), the net of the pad, and the
+    pin of a converter header on this net, such as J3.2; the pin is empty if no header has the net.
     """
     circuit, space = board.circuit, board.circuit.space
     pins = {

@@ -79,7 +79,7 @@ class Board:
     power : float
         Power from the supply, in watts.
     largest_deviation : float
-        Largest deviation of a resistor of the E96 series from its exact value, as a fraction.
+        Largest absolute deviation of a resistor's E96 value from the compiled resistance, as a fraction of the latter.
 
     Examples
     --------
@@ -132,7 +132,7 @@ class Board:
 
     @property
     def largest_deviation(self) -> float:
-        """Largest deviation of a resistance of the E96 series from its exact value, as a fraction of the latter."""
+        """Largest absolute deviation of a resistor's E96 value from the compiled resistance, relative to the latter."""
         return self.circuit.largest_deviation
 
     @property
@@ -163,7 +163,10 @@ class Board:
 
     @cached_property
     def predicted_yields(self) -> dict[int, Proportion]:
-        """Fraction of the starts from which a simulated robot reaches a goal, by the converter's resolution in bits."""
+        """Fraction of the starts from which a simulated robot reaches a goal, by the converter's resolution in bits.
+
+        The resolutions are 12 and 16 bits and that of `readout`. Each fraction has a confidence interval.
+        """
         trials = _TRIALS if self.circuit.space.cell.size <= _MANY_CELLS else _TRIALS // 3
         resolutions = sorted({self.readout.bits or BITS, *_RESOLUTIONS})
         return {bits: self.yields(trials=trials, bits=bits).overall for bits in resolutions}

@@ -25,7 +25,7 @@ from resgrid.hardware.tools import TIMEOUT, find_kicad
 from resgrid.scene.quantities import parse_quantity
 
 TOLERANCE = 1e-9
-"""Default limit of the error of a net's voltage, as a fraction of the supply."""
+"""Default limit of the absolute error of a net's voltage, as a fraction of the supply."""
 
 
 @dataclass
@@ -137,7 +137,10 @@ def _check_record(work: _Work, record: HardwareRecord, tolerance: float) -> None
 
 
 def _check_rules(work: _Work, reports: BoardReports) -> None:
-    """Add violations of design and electrical rules to `work.findings`, and counts of warnings to `work.remarks`."""
+    """Add violations of design and electrical rules to `work.findings`, and counts of warnings to `work.remarks`.
+
+    `reports`: files of kicad-cli about the board.
+    """
     work.findings += reports.rules.errors
     if reports.rules.warnings:
         counts = ", ".join(f"{count} {kind}" for kind, count in sorted(reports.rules.warnings.items()))
@@ -219,7 +222,7 @@ def _check_schematic(
 
 
 def _add_voltages(work: _Work, compared: VoltageComparison) -> None:
-    """Add a comparison of voltages to `work`; add its findings only if no other finding explains them."""
+    """Add a comparison of voltages to `work`; add its findings only if `work` has no earlier finding as their cause."""
     work.voltages.append(compared)
     if not work.findings:
         work.findings += compared.findings

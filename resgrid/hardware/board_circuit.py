@@ -147,7 +147,7 @@ class BoardCircuit:
 
     @property
     def largest_deviation(self) -> float:
-        """Largest deviation of a resistance of the E96 series from its exact value, as a fraction of the latter."""
+        """Largest absolute deviation of a resistor's E96 value from the compiled resistance, relative to the latter."""
         return float(np.abs(self.ohms * self.ideal.conductance - 1.0).max(initial=0.0))
 
     @cached_property

@@ -27,13 +27,16 @@ _CORNER_RADIUS = 3.0
 """Radius of the rounded corners of the board, in millimetres."""
 
 _SHEETS = (("A4", 297.0, 210.0), ("A3", 420.0, 297.0), ("A2", 594.0, 420.0), ("A1", 841.0, 594.0))
-"""Paper sizes for the drawing of the board: name, width and height in millimetres."""
+"""Paper sizes for the drawing of the board: name, width and height in millimetres; a larger drawing gets A0."""
 
 _TITLE_BLOCK = 45.0
 """Height of a sheet's title block with its margins, in millimetres, which the board must leave free."""
 
 _FIRST_TIME = (1980, 1, 1, 0, 0, 0)
-"""Time stamp of all files in ``gerbers.zip``, so that the same files give the same bytes."""
+"""Time stamp (year, month, day, hour, minute, second) of all files in ``gerbers.zip``.
+
+A fixed time stamp gives the same bytes of the archive for the same files.
+"""
 
 
 def board_files(board: Board, *, manufactured: bool = False) -> dict[str, str]:
@@ -149,7 +152,7 @@ def manufacture(kicad: KicadCli, folder: Path) -> list[str]:
 
 
 def _pack(folder: Path, names: list[str]) -> None:
-    """Write ``gerbers.zip`` with some files; `folder`: folder of the archive; `names`: files relative to it."""
+    """Write the archive ``gerbers.zip`` of the files `names`, whose paths are relative to `folder`, into `folder`."""
     with zipfile.ZipFile(folder / "gerbers.zip", "w", zipfile.ZIP_DEFLATED) as archive:
         for name in names:
             archive.writestr(zipfile.ZipInfo(Path(name).name, _FIRST_TIME), (folder / name).read_bytes())

@@ -20,10 +20,13 @@ _STEP = 25.4
 """Distance of the centres of neighbouring cells on a sheet, in millimetres."""
 
 _MOST_COLUMNS, _MOST_ROWS = 12, 8
-"""Largest numbers of columns and rows of cells on one sheet."""
+"""Largest numbers of columns and rows of cells on one sheet; a larger grid is divided into blocks, one per sheet."""
 
 _ON_ROOT = 8
-"""Largest number of columns of a grid that is drawn on the root sheet, next to the terminals."""
+"""Largest number of columns of a grid that is drawn on the root sheet, next to the terminals.
+
+A grid with more columns is drawn on further sheets.
+"""
 
 _CORNER = (38.1, 38.1)
 """Place (x, y) of the upper left cell of a sheet, in millimetres from the upper left corner of the sheet."""

@@ -178,9 +178,10 @@ def compare_values(record: HardwareRecord, found: Mapping[str, float | None]) ->
 class VoltageComparison:
     """Differences between the voltages of a record and those of another circuit.
 
-    `max_abs_error`: largest difference in volts, None if no net was compared; `max_relative_error`: this difference as
-    a fraction of the supply; `nodes`: number of nets compared; `worst`: net, expected and found voltage in volts, for
-    the nets with the largest differences; `findings`: messages about differences above the tolerance.
+    `max_abs_error`: largest absolute difference in volts, None if no net was compared; `max_relative_error`: this
+    difference as a fraction of the supply; `nodes`: number of nets compared; `worst`: net, expected and found voltage
+    in volts, for at most `SHOWN` nets with a difference, the largest first; `findings`: messages about differences
+    above the tolerance and about nets without a found voltage.
     """
 
     max_abs_error: float | None = None
@@ -195,8 +196,9 @@ def compare_voltages(
 ) -> VoltageComparison:  # fmt: skip
     """Return the comparison of a record's voltages with those of another circuit.
 
-    `found`: voltage by net of the record, in volts; `tolerance`: largest accepted difference relative to the supply;
-    `tool`: name of the tool that computed `found`, for messages.
+    `found`: voltage by net of the record, in volts; nets without an entry give a finding; `tolerance`: largest accepted
+    absolute difference relative to the supply (`supply_of`); `tool`: name of the tool that computed `found`, for
+    messages.
     """
     supply = supply_of(record)
     error = {net: abs(found[net] - volts) for net, volts in record.voltages.items() if net in found}

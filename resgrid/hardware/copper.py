@@ -135,7 +135,7 @@ def _through(trees: Sequence[Any], first: Sequence[int], holes: Sequence[Hole]) 
 def _contacts(
     shapes: Sequence[CopperShape], rows: NDArray[np.int64], columns: NDArray[np.int64], first: Sequence[int]
 ) -> list[Contact]:
-    """Return one place for each pair of different stated nets whose shapes touch.
+    """Return one place for each pair of different stated nets whose shapes touch; shapes without a net are left out.
 
     `shapes`: shapes of all layers; `rows`, `columns`: indices of the shapes of each touching pair; `first`: index of
     the first shape of each layer.

@@ -10,9 +10,9 @@ from resgrid.scene.quantities import prefix_of
 
 
 def nearest_e96(resistance: ArrayLike) -> NDArray[np.float64]:
-    """Return the nearest resistances, by ratio, of the E96 series of IEC 60063, in ohms, in the shape of the argument.
+    """Return the nearest resistances of the E96 series of IEC 60063, in ohms, in the shape of the argument.
 
-    `resistance` (any shape): positive resistances, in ohms.
+    "Nearest" means the ratio closest to 1. `resistance` (any shape): positive resistances, in ohms.
     """
     ohms = np.asarray(resistance, dtype=np.float64)
     values = np.append(preferred_values("E96"), 10.0)
@@ -25,6 +25,9 @@ def nearest_e96(resistance: ArrayLike) -> NDArray[np.float64]:
 
 
 def resistance_text(ohms: float) -> str:
-    """Return a resistance as on a schematic, with three digits and a prefix: ``9.76k``, ``10k``, ``1M``, ``47``."""
+    """Return a resistance in ohms as text with up to four digits and an SI prefix: ``9.76k``, ``10k``, ``1M``, ``47``.
+
+    This is the form of values on a schematic.
+    """
     exponent, prefix = prefix_of(ohms)
     return f"{ohms / 10.0**exponent:.4g}{prefix}"

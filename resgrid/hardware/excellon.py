@@ -58,8 +58,9 @@ def parse_excellon(text: str, name: str = "<text>") -> list[Hole]:
 
 
 def _moved(point: tuple[float, float], x: str | None, y: str | None, unit: float) -> tuple[float, float]:
-    """Return a point in mm.
+    """Return a point (x, y) in millimetres after a change of coordinates.
 
-    `x`, `y`: new coordinates as text, None to keep the old; `unit`: mm per unit of the file.
+    `point`: old point in millimetres; `x`, `y`: new coordinates as text, None to retain that of `point`; `unit`:
+    millimetres per unit of the file.
     """
     return (point[0] if x is None else float(x) * unit, point[1] if y is None else float(y) * unit)

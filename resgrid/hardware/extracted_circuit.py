@@ -94,7 +94,8 @@ def solve_extracted(
     """Return the voltages of an extracted circuit in volts, by net of the record, without nets that float.
 
     `record`: gives the sources and closed jumpers; `found`: net of every pad in the extracted circuit, None for a pad
-    without a connection; `values`: resistance in ohms by reference. Raises InputError if a resistor has no value.
+    without a connection; `values`: resistance in ohms by reference. A resistor with an unconnected pad, or with both
+    pads on one net, carries no current and is left out. Raises InputError if another resistor has no value.
     """
     owner = match_nets(pads_of(record), found)
     label_of: dict[str, Label] = {net: label for label, net in owner.items()}

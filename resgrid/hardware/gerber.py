@@ -249,7 +249,7 @@ def subtract(shapes: list[CopperShape], geometry: Any) -> list[CopperShape]:
 
 
 def pieces(shapes: list[CopperShape]) -> list[CopperShape]:
-    """Return shapes with every geometry divided into its connected polygons."""
+    """Return shapes with every geometry divided into its connected polygons, without those of zero area."""
     import shapely
 
     geometries: NDArray[Any] = np.array([shape.geometry for shape in shapes], dtype=object)

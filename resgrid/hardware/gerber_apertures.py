@@ -58,8 +58,8 @@ def parse_macro(text: str, place: str) -> tuple[str, list[list[str]]]:
 def aperture(command: str, macros: dict[str, list[list[str]]], unit: float, place: str) -> tuple[int, Aperture]:
     """Return the number and the shape of an aperture.
 
-    `command`: definition such as ``ADD10C,0.5``; `macros`: primitives by name; `unit`: millimetres of the file's unit;
-    `place`: name of the file, for messages.  Raises InputError for damaged definitions.
+    `command`: definition such as ``ADD10C,0.5``; `macros`: primitives by macro name; `unit`: millimetres per unit of
+    the file; `place`: name of the file, for messages.  Raises InputError for damaged definitions.
     """
     match = _DEFINITION.fullmatch(command)
     if match is None:

@@ -23,7 +23,7 @@ class HardwareCheck:
     verified : bool
         Whether every check was done.
     max_abs_error : float or None
-        Largest difference of a net's voltage, in volts; None if no voltages could be compared.
+        Largest absolute difference of a net's voltage from the record, in volts; None if no voltages could be compared.
     max_relative_error : float or None
         ``max_abs_error`` relative to the supply (the largest voltage difference in the circuit).
     nodes : int
@@ -33,11 +33,12 @@ class HardwareCheck:
     tools : mapping of str to str
         Version of each program that was run, such as ``{"kicad-cli": "9.0.8", "ngspice": "39"}``.
     tolerance : float
-        Largest relative error of a voltage that still agrees.
+        Largest accepted absolute error of a voltage, as a fraction of the supply.
     findings : tuple of str
         One message for each difference, with its place; empty if there is no difference.
     worst : tuple of (str, float, float)
-        Net, expected and found voltage in volts, for the largest differences.
+        Net, expected and found voltage in volts, for the six nets with the largest differences, the largest first;
+        nets without a difference are left out.
     remark : str
         Reason why a check could not be done, and warnings of the tools; or empty.
     kind : {"board", "layout"}

@@ -48,9 +48,11 @@ def texts(kdb: Any, layout: Any, top: Any, job: Any) -> list[list[Any]]:
 
 
 def circuit(kdb: Any, layout: Any, top: Any, job: Any) -> dict[str, Any]:
-    """Return resistors and labels with the numbers of their nets, and messages about faulty resistors, as a dictionary.
+    """Return the extracted circuit as a dictionary of lists.
 
-    `kdb`: module klayout.db; `layout`: the read layout; `top`: its top cell; `job`: layers, connections and rules.
+    Keys: ``resistors``, one result of `resistor` each; ``labels``, each as text, name of the metal, x and y in database
+    units, and number of the net (None where the label lies on no metal); ``messages``, about faulty resistors. `kdb`:
+    module klayout.db; `layout`: the read layout; `top`: its top cell; `job`: layers, connections and rules.
     """
     extraction = kdb.LayoutToNetlist(kdb.RecursiveShapeIterator(layout, top, []))
     at = {name: extraction.make_layer(layout.layer(*layer), name) for name, layer in job["layers"].items()}

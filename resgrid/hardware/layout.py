@@ -118,7 +118,11 @@ class Layout:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Messages about voltage drops above 1 % of the supply, and about rails that are too thin for their current."""
+        """Messages about voltage drops above 1 % of the supply, and about trunks that are too thin for their current.
+
+        A trunk is the vertical wire of a goal region or of the start. Trunks are too thin if they are narrower than the
+        width that the current density limits of the metals demand for the largest current of a trunk.
+        """
         return tuple(_warnings(self.rails, self.op, self.drops))
 
     def summary(self) -> dict[str, Any]:
@@ -280,7 +284,9 @@ def _draw(
 ) -> list[DrawnCell]:
     """Return all cells of the GDSII or OASIS file, the top cell last.
 
-    `shapes`: the drawn resistor of each different resistance; `labelled`: whether the nodes get labels.
+    `head`: measures of the ends of all resistors; `tile`: measures of a tile; `shapes`: the drawn resistor of each
+    different resistance; `array`: contents of all tiles; `rails`: measures of rails and pads; `labelled`: whether the
+    nodes get labels.
     """
     cells = tile_cells(rules, head, tile, shapes)
     drawing = draw_rails(rules, array, tile, rails)
@@ -323,7 +329,9 @@ def _placed_cells(cells: list[DrawnCell]) -> list[DrawnCell]:
 def _warnings(rails: RailPlan, op: OperatingPoint, drops: dict[str, float]) -> list[str]:
     """Return messages about rails with a drop above `DROP_FRACTION` of the supply, and about too thin trunks.
 
-    `drops`: largest voltage drop along the rail of each net, in volts.
+    A trunk (a vertical wire to a goal region or the start) is too thin if it is narrower than `rails.wire`, which is
+    then the width that current density limits demand for the largest current of a trunk. `drops`: largest voltage drop
+    along the rail of each net, in volts.
     """
     supply = abs(op.netlist.cells.wiring.supply)
     found = [

@@ -26,7 +26,7 @@ from resgrid.hardware.record import HardwareRecord, read_record
 from resgrid.hardware.tools import TIMEOUT, find_klayout
 
 TOLERANCE = 1e-12
-"""Default limit of the error of a net's voltage, as a fraction of the supply."""
+"""Default limit of the absolute error of a net's voltage, as a fraction of the supply."""
 
 _NAME = re.compile(r"\b(?:R([XY])_(\d+)_(\d+)|(?:P_)?(goal_\d+(?:_\d+)?|obstacle(?:_\d+)?)|n_(\d+)_(\d+))")
 """Pattern that finds the names of resistors, pads, rails and nodes in messages about differences."""
@@ -45,7 +45,7 @@ def check_layout(
     file : path-like
         GDSII or OASIS file from `resgrid.save` or ``resgrid layout``, with its record in the same folder.
     tolerance : float
-        Largest difference of a voltage, as a fraction of the supply.
+        Largest accepted absolute difference of a voltage, as a fraction of the supply.
     timeout : float
         Longest run of klayout, in seconds.
 

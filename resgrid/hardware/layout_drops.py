@@ -16,7 +16,10 @@ from resgrid.hardware.layout_tiles import TileGeometry
 
 
 def rail_currents(op: OperatingPoint) -> dict[str, float]:
-    """Return the current of every source of an operating point in amperes, by the net at its positive terminal."""
+    """Return the current of every source of an operating point in amperes, by the net at its positive terminal.
+
+    The sign is that of `OperatingPoint.source_current`: positive into the positive terminal.
+    """
     names = op.netlist.names_of(op.netlist.source_nodes[:, 0])
     return {name: float(amps) for name, amps in zip(names, op.source_current, strict=True)}
 

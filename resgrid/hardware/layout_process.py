@@ -11,7 +11,7 @@ from resgrid.processes.process import Cut, Process
 from resgrid.processes.reading import read_process
 
 WIDE = 10.0
-"""Largest width of metals in a layout, in micrometres, for which the spacing rules of a layout hold."""
+"""Width of metal shapes, in micrometres, up to which the spacing in `MetalRules` suffices."""
 
 SHEET = 0.1
 """Assumed sheet resistance of a metal whose process states none, in ohms per square."""

@@ -24,7 +24,7 @@ VIA_STRIP = 20000
 """Largest width of the rectangle of vias at the upper edge of a pad, in nanometres."""
 
 DROP = 0.001
-"""Voltage drop along a trunk, as a fraction of the supply, that the width of trunks is chosen for."""
+"""Voltage drop along a trunk, as a fraction of the supply, for which the width of trunks is chosen."""
 
 WIDEST = 10_000
 """Largest width of a trunk that is chosen for its voltage drop, in nanometres.
@@ -82,11 +82,12 @@ class RailPlan:
     """Measures of rails and pads, in nanometres.
 
     `trunks`: vertical wires to goal regions and the start, from left to right; `pads`: the pads from left to right;
-    `wire`: width of the horizontal wires (tracks) below the array, and wanted width of trunks; `ring`: width of the
-    vertical parts of the obstacle rail, 0 without this rail; `sides`: x of the centres of these parts; `bottom`: y of
-    the lower end of the array; `tracks`: y of the track of every trunk; `bend`: y of the centre of the wires that lead
-    from the obstacle rail outwards to its pads; `pad_top`: y of the upper edge of the pads; `rows`: rows with a stripe
-    of the obstacle rail.
+    `wire`: width of the horizontal wires (tracks) below the array, which is the width of the trunks, or a larger one
+    that current density limits demand for the largest current of a trunk; `ring`: width of the vertical parts of the
+    obstacle rail, 0 without this rail; `sides`: x of the centres of these parts; `bottom`: y of the lower end of the
+    array; `tracks`: y of the centre of every trunk's track; `bend`: y of the centre of the wires that lead from the
+    obstacle rail outwards to its pads; `pad_top`: y of the upper edge of the pads; `rows`: indices of the grid's rows
+    with a stripe of the obstacle rail.
     """
 
     trunks: tuple[Trunk, ...]

@@ -146,8 +146,9 @@ def _matched_width(rules: LayoutRules, resistance: float, matching: float) -> in
 
 
 def serpentine(rules: LayoutRules, head: Head, width: int, resistance: float, rows: int) -> Serpentine | None:
-    """Return the resistor with `rows` rows whose resistance is nearest to a value, or None if it is too short for them.
+    """Return the resistor with `rows` rows whose resistance is nearest to a value; None if its body would be too short.
 
+    A body is too short if its length is below the smallest one of the process or if its rows would touch each other.
     `width`: width of the body in nanometres; `resistance`: wanted resistance in ohms; `rows`: odd number of rows.
     """
     corners = 2 * (rows - 1)

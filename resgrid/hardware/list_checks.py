@@ -38,7 +38,10 @@ def check_lists(record: HardwareRecord, folder: Path) -> list[str]:
 
 
 def _voltage_differences(record: HardwareRecord, rows: list[dict[str, str]]) -> Iterator[str]:
-    """Yield the differences of a list of expected voltages; `rows`: its lines by column name."""
+    """Yield a message for every difference between a list of expected voltages and the record.
+
+    `rows`: lines of the list, each as texts by column name.
+    """
     pads = {part.reference: part.nets[0] for part in record.parts if part.type == "test_pad"}
     listed = {row["pad"]: row for row in rows}
     yield from (f"{pad} is missing" for pad in pads if pad not in listed)
@@ -55,7 +58,10 @@ def _voltage_differences(record: HardwareRecord, rows: list[dict[str, str]]) -> 
 
 
 def _bill_differences(record: HardwareRecord, rows: list[dict[str, str]]) -> Iterator[str]:
-    """Yield the differences of a bill of materials, in its resistors; `rows`: its lines by column name."""
+    """Yield a message for every difference between the resistors of a bill of materials and those of the record.
+
+    `rows`: lines of the bill, each as texts by column name; lines of other parts are not compared.
+    """
     found: dict[str, float | None] = {}
     for row in rows:
         if row["description"].startswith("resistor"):
@@ -68,14 +74,17 @@ def _bill_differences(record: HardwareRecord, rows: list[dict[str, str]]) -> Ite
 
 
 def _absent_resistors(record: HardwareRecord, found: Mapping[str, float | None]) -> Iterator[str]:
-    """Yield the resistors that only one of record and bill has; `found`: ohms by reference in the bill."""
+    """Yield a message for every resistor that only one of record and bill contains.
+
+    `found`: resistances in ohms by reference, as the bill states them.
+    """
     resistors = [part.reference for part in record.parts if part.type == "resistor"]
     yield from (f"{reference} is missing" for reference in resistors if reference not in found)
     yield from (f"{reference} is not in the record" for reference in sorted(found.keys() - set(resistors)))
 
 
 def _expanded(references: str) -> Iterator[str]:
-    """Yield the single references of a text with ranges; raise ValueError for other text."""
+    """Yield every reference of a text with ranges such as ``R1-R3 R7``; raise ValueError for other text."""
     for word in references.split():
         match = _RANGE.fullmatch(word)
         if match is None:

@@ -17,7 +17,10 @@ if TYPE_CHECKING:
     from resgrid.hardware.board import Board
 
 _MOST_VOLTS = 12.0
-"""Upper limit of the other supplies that the README permits, in volts."""
+"""Upper limit, in volts, of the supply voltages that the README permits in place of the scene's own.
+
+The power that the resistors withstand may lower this limit.
+"""
 
 CHEAP = 100.0
 """Width and height in millimetres up to which manufacturers of boards charge least."""

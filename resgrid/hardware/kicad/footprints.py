@@ -59,8 +59,8 @@ class PlacedFootprint:
     `footprint`: the footprint; `reference`, `value`: texts such as R7 and 10k; `x`, `y`: centre in millimetres, y
     downwards; `turn`: rotation in degrees, counterclockwise: 0, 90, 180 or 270; `nets`: net of each pad; `label`: place
     (x, y) of the reference on the board's silkscreen in mm, None if only the fabrication layer shows it; `label_turn`:
-    rotation of the reference; `label_size`: width and height of its letters; `path`: path of its symbol in the
-    schematic.
+    rotation of the reference in degrees; `label_size`: width and height of its letters in mm; `path`: path of the
+    part's symbol in the schematic, empty without one.
     """
 
     footprint: Footprint

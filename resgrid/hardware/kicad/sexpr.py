@@ -45,7 +45,7 @@ def number_text(value: float) -> str:
 
 
 def _lines(tree: Node, level: int) -> Iterator[str]:
-    """Yield parts of the text of an S-expression, to be joined; `level`: number of tabs before it."""
+    """Yield parts of the text of an S-expression, to be joined; `level`: number of tabs before its lines."""
     head, *rest = tree
     yield f"({head}"
     nested = False
