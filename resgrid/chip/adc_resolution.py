@@ -156,7 +156,8 @@ class ADCResolution(Result):
         neighbour is lower; NaN in cells that are not free or have no path to a goal.
     start_bits : ndarray of float64, shape of the space
         Largest `cell_bits` along the path from a cell to the goal, in which each step leads to the lowest face
-        neighbour; infinite or NaN under the same conditions.
+        neighbour.  Infinite where a cell of the path has no lower neighbour; NaN in cells that are not free or have no
+        path to a goal.
     following : ndarray of int64, shape of the space
         Flat index (C order) of the lowest face neighbour of a cell, -1 if no neighbour is lower.
     boundary : str

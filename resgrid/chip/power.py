@@ -225,7 +225,8 @@ def _rails(op: OperatingPoint, balance: PowerBalance) -> tuple[RailPower, ...]:
 def rail_names(netlist: Netlist) -> list[str]:
     """Return the name of the rail of every voltage source: ``"obstacle"``, or ``"goal_0"`` and so on for goal regions.
 
-    Other sources, and all sources of a netlist without one node per cell, have the name of their node.
+    Other sources, and all sources of a netlist without one node per cell, have the name of the node at their plus
+    terminal, or of the node at their minus terminal if the plus terminal is at ground.
     """
     plus, minus = netlist.source_nodes.T
     node = np.where(plus == GROUND, minus, plus)

@@ -305,7 +305,7 @@ class Study(CircuitStudy):
             An existing folder.
         title : str, optional
             First line of the decks; by default the title of the scene.
-        dialect : str
+        dialect : {"ngspice", "ltspice", "xyce", "hspice", "spectre"}
             Name of the simulator's dialect.
 
         Returns

@@ -31,7 +31,7 @@ Place = Annotated[tuple[Annotated[int, Ge(0)], ...], Len(2, 5)]
 @brief
 @dataclass(frozen=True)
 class Readout:
-    """The circuit that measures node voltages; ideal by default.
+    """The circuit that measures node voltages, with values in SI units; None stands for an ideal property.
 
     Attributes
     ----------
@@ -93,7 +93,8 @@ class Defects:
     short_resistance : float
         Resistance of a shorted resistor.
     open_at : tuple of tuple of int
-        Further open resistors, each as the indices of a cell and an axis: the resistor at the cell's lower face.
+        Further open resistors, each as the indices of a cell, then the number of an axis: the resistor at the cell's
+        lower face along this axis.
 
     Raises
     ------
@@ -124,8 +125,9 @@ class Defects:
 @brief
 @dataclass(frozen=True)
 class Chip:
-    """Component values and imperfections of a chip, in SI units; ideal by default.
+    """Component values and imperfections of a chip; ideal by default.
 
+    Values are in SI units, except ``pelgrom`` in percent times micrometres and ``temperature`` in degrees Celsius.
     Every value may also be given as an engineering value such as ``"4k7"``, fractions as ``"10 %"``.
 
     Attributes
@@ -150,7 +152,7 @@ class Chip:
         Process and resistor, such as ``"ihp-sg13g2:rppd"`` (`resgrid.processes.process_names` lists them), which sets
         ``sheet_resistance``, ``width`` (the smallest one), ``pelgrom``, ``gradient``, ``tc1`` and ``tc2`` unless they
         are given.
-    corner : str or None
+    corner : {"typical", "low", "high"} or None
         Corner of the process: typical, lowest or highest sheet resistance; typical by default.  Resistors are drawn for
         the typical sheet resistance, and ``resistance`` is their value there.
     mismatch : float or None
@@ -171,7 +173,7 @@ class Chip:
         First temperature coefficient of the grid's resistors, relative to 27 degrees Celsius.
     tc2 : float or None
         Second (quadratic) temperature coefficient of the grid's resistors, relative to 27 degrees Celsius.
-    preferred : str or None
+    preferred : {"E6", "E12", "E24", "E48", "E96", "E192"} or None
         Series of preferred values to which resistances are rounded (IEC 60063).
     sheet_resistance : float or None
         Sheet resistance, per square, of the polysilicon in which resistors of ``width`` are drawn; instead of

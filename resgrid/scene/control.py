@@ -34,9 +34,9 @@ class Control:
     speed_limits : tuple of float or None
         Largest speed of each joint or world coordinate, per second: one for all, or one per axis.
     admittance : tuple of float or None
-        Matrix that maps a contact force to a velocity: one number, a diagonal, or all entries row by row; by default
-        ``speed``.
-    response : str
+        Matrix that maps a contact force to a velocity: one number for a multiple of the identity, a diagonal, or all
+        entries row by row; by default the number ``speed``.
+    response : {"equipotential", "admittance"}
         Response to a contact force: a turn along the equipotential, or a velocity by the admittance.
     friction : float
         Coefficient of Coulomb friction of all contacts, at most 1e6.
@@ -47,25 +47,25 @@ class Control:
     steps : int
         Largest number of time steps of a run.
     bias : tuple of float
-        Constant error of the estimated configuration: one for all axes, or one per axis.
+        Constant error of the estimated configuration, in axis units: one for all axes, or one per axis.
     noise : tuple of float
-        Largest random error of the estimated configuration, drawn in every time step: one for all axes, or one per
-        axis.
+        Largest magnitude of the random error of the estimated configuration, in axis units; the error is uniform and
+        drawn in every time step: one for all axes, or one per axis.
     seed : int
         Seed of all random numbers.
     push : tuple of tuple of float
         External forces, each as start time and duration, in seconds, and the generalised force, one entry per axis.
     pushes : int
-        Number of additional external forces at random times.
+        Number of additional external forces, at random times and in random directions.
     push_size : float
-        Magnitude of the random external forces.
-    settle : str or None
+        Euclidean norm of each random external force.
+    settle : {"chip", "jacobi", "sor"} or None
         Model of a grid that settles while the robot moves: RC dynamics of a chip, or sweeps of a relaxation; by
         default the grid is always settled.
     pace : float
         Number of sweeps, or of time constants RC of a chip, while the robot crosses a cell.
     announce : bool
-        Whether hidden obstacles enter the map at time 0, while the grid settles.
+        Whether hidden obstacles enter the map at time 0, while the grid settles (by default as a chip).
 
     Raises
     ------

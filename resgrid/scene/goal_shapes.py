@@ -8,6 +8,9 @@ from resgrid.scene.scene import Scene
 
 
 def goal_shapes(scene: Scene) -> list[Shape]:
-    """Return the goals of a scene that are regions in space: shapes, and balls of positions of the tool."""
+    """Return the goals of a scene that are regions of three dimensions: shapes, and balls of positions of the tool.
+
+    Goals that are cells, single points, or shapes in the plane are left out.
+    """
     regions = [goal.tool_goal.region if isinstance(goal, GoalPose) and goal.radius else goal for goal in scene.goals]
     return [goal for goal in regions if isinstance(goal, Shape) and not isinstance(goal, CellSet) and goal.ndim == 3]

@@ -18,10 +18,11 @@ from resgrid.scene.world_coordinates import over_map, unknown_cells
 
 
 class Keepout(NamedTuple):
-    """Effect of a keep-out mask on the cells of the plane, all of shape (columns, rows).
+    """Effect of a keep-out mask on the cells of the plane.
 
-    `name`: key path of the mask; `blocked`: mask of forbidden cells; `conductivity`: upper bound of the conductivity of
-    every cell; `inflate`: whether the whole robot stays out of forbidden cells; `axes`: axes x and y of the cells.
+    `name`: key path of the mask, such as ``mask[0]``; `blocked` (columns, rows): mask of forbidden cells;
+    `conductivity` (columns, rows): upper bound of the relative conductivity of every cell; `inflate`: whether the whole
+    robot stays out of forbidden cells; otherwise only its reference point does; `axes`: axes x and y of the cells.
     """
 
     name: str
@@ -79,7 +80,10 @@ def forbidden_places(scene: Scene, keepouts: list[Keepout]) -> dict[str, NDArray
 
 
 def mask_at(scene: Scene, cell: tuple[int, ...]) -> str | None:
-    """Return the key path of the first keep-out mask that forbids a cell; None if no mask forbids it."""
+    """Return the key path of the first keep-out mask that forbids a cell, such as ``mask[0]``; None if none does.
+
+    `cell`: index of the cell along each axis.
+    """
     axes = tuple(
         Axis(axis.name, axis.lower + index * axis.spacing, axis.lower + (index + 1) * axis.spacing, 1)
         for axis, index in zip(scene.axes[:2], cell[:2], strict=True)

@@ -13,7 +13,7 @@ from resgrid.scene.maps.ros_header import NEWEST, Dialect
 
 _OF_KIND = {"lethal": "keepout", "least_conductivity": "keepout", "inflate": "keepout",
             "unit": "speed", "base": "speed", "multiplier": "speed"}  # fmt: skip
-"""Kind of mask to which each further key belongs."""
+"""Kind of mask, by each key of a ``[[mask]]`` table that only this kind accepts."""
 
 
 @checked

@@ -17,7 +17,7 @@ Problem = tuple[Path, str]
 """Key path of a problem in a scene file, and the message for the problem."""
 
 MAX_SHOWN = 40
-"""Largest number of problems that one message lists."""
+"""Largest number of problems that one message lists; for further ones it states their number."""
 
 
 def key_path(path: Sequence[str | int]) -> str:

@@ -101,8 +101,8 @@ def place_text(point: Sequence[float]) -> str:
 def nearest_cell(allowed: NDArray[np.bool_], cell: tuple[int, ...], axes: Sequence[Axis]) -> tuple[int, ...] | None:
     """Return the index of the allowed cell with the nearest centre; None if no cell is allowed.
 
-    `allowed`: mask of cells, shape of the space; `cell`: index of the cell from which distances are measured, in axis
-    units; `axes`: axes of the space.  The search examines windows around this cell that grow until the result is
+    `allowed`: mask of cells, shape of the space; `cell`: index of the cell from whose centre distances in axis units
+    are measured; `axes`: axes of the space.  The search examines windows around this cell that grow until the result is
     certain.
     """
     spacing = np.array([axis.spacing for axis in axes])
@@ -123,9 +123,9 @@ def nearest_cell(allowed: NDArray[np.bool_], cell: tuple[int, ...], axes: Sequen
 
 
 def _window(index: int, reach: int, axis: Axis) -> NDArray[np.int64]:
-    """Return the indices along an axis that differ from `index` by at most `reach`, in ascending order.
+    """Return the indices of cells along an axis that differ from `index` by at most `reach`, in ascending order.
 
-    On a periodic axis, indices may lie outside the grid, and each cell occurs once.
+    On a periodic axis, indices may lie outside the grid and count modulo the number of cells; each cell occurs once.
     """
     if axis.periodic:
         before = min(reach, (axis.cells - 1) // 2)

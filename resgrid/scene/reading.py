@@ -34,11 +34,13 @@ _LINK = re.compile(r"https?://\S*#(?:\S*&)?s=(?P<code>[^&\s]+)")
 """
 
 _MAX_DOCUMENT_BYTES = 1 << 26
-"""Largest size of the document in a link, in bytes, after decompression."""
+"""Largest size of the document in a link, in bytes, after decompression; links with a larger one are rejected."""
 
 
 MapReader = Callable[[Mapping[str, Any], float], MapCells]
-"""Function that returns the map for a ``[map]`` table and the largest distance of a robot's point from its reference.
+"""Function that returns the cells of a map from two arguments: the ``[map]`` table, and the extent of the robot.
+
+The extent is the largest distance from the robot's reference point to a point of the robot, in axis units.
 """
 
 

@@ -110,7 +110,10 @@ def with_coordinates(option: str, ndim: int) -> str:
 
 
 def remedy_of_size(scene: Scene) -> Remedy:
-    """Return the remedy for a scene whose cells do not fit in memory, as text or as a function that returns it."""
+    """Return the remedy for a scene whose cells do not fit in memory, for an error message.
+
+    It is a text or, for a scene on a map, a function from the ratio of needed to available memory to a text.
+    """
     cells = scene.map
     if cells is None or scene.axes[: len(cells.axes)] != cells.axes:
         return FEWER_CELLS

@@ -54,7 +54,7 @@ class Scene:
         Obstacles, in world coordinates.
     hidden : tuple of Shape
         Real obstacles that are missing from the map: the configuration space ignores them, control collides with them.
-    goals : tuple of Shape, GoalPoint, GoalCell or GoalJoints
+    goals : tuple of Shape, GoalPoint, GoalCell, GoalJoints or GoalPose
         Goals: places of the robot's reference point (an arm's tip) in world coordinates, cells, or configurations.
     starts : tuple of tuple of float
         Start configurations, in world coordinates; of an arm its joint angles.

@@ -28,7 +28,11 @@ class SpeedLimits(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _Zone:
-    """One speed mask: its pixels, the limit of every pixel (width, height; infinite for none), and its unit."""
+    """One speed mask.
+
+    `grid`: its pixels; `limit` (width, height): speed limit of every pixel, infinite for none; `is_percent`: whether
+    limits are in percent of the largest speed; otherwise they are in lengths per second.
+    """
 
     grid: MaskGrid
     limit: NDArray[np.float64]
@@ -42,7 +46,10 @@ class SpeedZones:
     zones: tuple[_Zone, ...]
 
     def at(self, points: NDArray[np.float64]) -> SpeedLimits:
-        """Return the limits at points (n, d) in world coordinates, whose first two coordinates are a place."""
+        """Return the limits at points (n, d) in world coordinates, whose first two coordinates are a place.
+
+        Where masks overlap, the smallest limit of each unit applies.
+        """
         fraction, speed = np.ones(len(points)), np.full(len(points), np.inf)
         for zone in self.zones:
             index = np.floor(zone.grid.pixels(points[:, :2])).astype(np.int64)
@@ -58,7 +65,7 @@ class SpeedZones:
     def widened(self, distance: float) -> SpeedZones:
         """Return zones with the smallest limit of all pixels within a distance of each pixel, also outside the masks.
 
-        The zones hold for a motion that deviates from its path by at most `distance`.
+        The zones hold for a motion that deviates from its path by at most `distance`, in units of the world.
         """
         if not distance:
             return self

@@ -40,10 +40,10 @@ def require_no_heading(scene: Scene, key: str) -> None:
 
 
 def goal_heading(scene: Scene, end: NDArray[np.float64]) -> float | None:
-    """Return the heading that a scene demands at the end of a path that reaches a goal; None for no demand.
+    """Return the heading in radians that a scene demands at the end of a path that reaches a goal; None for no demand.
 
-    `end` (ndim,): last point of the path in world coordinates.  Among goals whose disc contains the end, the nearest
-    one applies.
+    `end` (ndim,): last point of the path in world coordinates.  Among the goal points whose tolerance, plus the width
+    of a cell, is at least their distance from the end, the nearest one applies.
     """
     slack = max(axis.spacing for axis in scene.axes)
     distance = {

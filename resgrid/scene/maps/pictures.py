@@ -224,7 +224,7 @@ def _read_with_pillow(
 
 @contextmanager
 def _any_size() -> Iterator[None]:
-    """Disable Pillow's limit of the number of pixels in the block.
+    """Disable Pillow's limit of the number of pixels of a picture within the ``with`` block.
 
     The size of the picture must be checked against the available memory before decoding.
     """

@@ -23,9 +23,9 @@ def smaller_map(shape: Sequence[int], ratio: float, known: Window | None) -> str
 
 
 def _joined(shape: Sequence[int], ratio: float) -> str:
-    """Return text with the option ``coarsen`` that divides the number of cells by at least `ratio`, and the result.
+    """Return text with the option ``coarsen`` that divides the number of cells by at least `ratio`, and the new size.
 
-    `shape`: number of cells along every axis.
+    `shape`: number of cells along every axis; the new size is the number of coarse cells along every axis.
     """
     step = ceil(max(ratio, 1.0) ** (1 / len(shape)))
     while prod(ceil(cells / step) for cells in shape) * ratio > prod(shape):

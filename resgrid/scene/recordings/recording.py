@@ -167,7 +167,7 @@ def _mapped(message: Any, received: int) -> MapSnapshot:
 
 
 def _goal(message: Any) -> tuple[Pose | None, str, str | None]:
-    """Return pose and frame of a goal message, and None; if the pose is not finite, None and a text that says so."""
+    """Return pose, frame and None for a goal message; None, the frame and the reason if the pose is not finite."""
     frame = frame_name(message.header.frame_id)
     try:
         return pose_of(message.pose), frame, None
