@@ -352,10 +352,10 @@ def analyse_adc_resolution(op: OperatingPoint, *, span: Positive | None = None) 
 def _largest_ahead(
     bits: NDArray[np.float64], following: NDArray[np.int64], space: ConfigurationSpace
 ) -> NDArray[np.float64]:
-    """Return the largest value on the path from every cell to its end, shape (cells,), by pointer doubling.
+    """Return the largest value on the path from every cell to the path's end, shape (cells,), by pointer doubling.
 
-    `bits` (cells,): values, NaN outside the starts; `following` (cells,): flat index of the next cell on the path, -1
-    at an end; `space`: gives the goal cells, which have no value.
+    The result is NaN outside the starts. `bits` (cells,): values, NaN outside the starts; `following` (cells,): flat
+    index of the next cell on the path, -1 at an end; `space`: gives the goal cells, whose values do not count.
     """
     most = np.where(space.cell.ravel() == Cell.GOAL, -np.inf, bits)
     ahead = np.where(following < 0, np.arange(len(bits)), following)

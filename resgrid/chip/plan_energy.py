@@ -37,7 +37,8 @@ class PlanEnergy(Result):
         Resolution of the converter, in bits.
     conversions : int
         Number of conversions: for each cell of the path but the goal, one for the cell and one for each of its free or
-        goal neighbours.  The mean over all starts, rounded up, if the scene has no start.
+        goal neighbours.  It is the mean over the starts of the scene, or over all free cells if no start of the scene
+        has a path to a goal, rounded up.
     conversion_energy : float or None
         Energy of one conversion in joules; None without a figure of merit of the converter.
     settling_energy, settle_time : float
@@ -115,8 +116,9 @@ def analyse_plan_energy(
     """Return the energy and time of one plan.
 
     `settling`: settling of the chip; `resolution`: required converter resolution of the chip, which contains the
-    robot's next cell in every cell; `readout`: description of the converter; `starts`: cells of the starts; if empty,
-    the mean over all free cells with a path is taken.
+    robot's next cell in every cell; `readout`: description of the converter; `starts`: cells of the starts.  The number
+    of conversions is the mean over the starts with a path to a goal; without such a start, over all free cells with a
+    path.
     """
     counts = readings_from(resolution, settling.netlist.cells)
     space = resolution.space

@@ -99,7 +99,7 @@ class Sensitivity(Result):
         Returns
         -------
         ndarray of int64, shape (m,)
-            Numbers of the resistors with ``flip_drift <= drift``; nonlinear resistors follow the linear ones.
+            Numbers of the resistors with ``flip_drift <= drift``, indices into `flip_drift`.
         """
         order = np.argsort(self.flip_drift, kind="stable")
         return order[self.flip_drift[order] <= drift]

@@ -265,11 +265,12 @@ def _walk_back(
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Find the time after which each voltage stays within a band, window by window from an upper bound back to time 0.
 
-    Returns that time for every unknown voltage, shape (n,); the deviations at the last such time, shape (n,); and the
-    settling curve: times, shape (t,), with the largest magnitude of a deviation at each, shape (t,).  `deviation` (n,):
-    voltages at time 0 minus their final values; `window`: function from the first and last time of a window to the
-    motion (sum of exponentials) in between; `bound`: time after which all voltages lie within the band; `fastest`:
-    shortest time constant; `band`: half width of the band, in the unit of `deviation`.  All times are in seconds.
+    Returns that time for every unknown voltage, shape (n,), 0 for a voltage that is always within the band; the
+    deviations at the last such time, shape (n,); and the settling curve: times, shape (t,), with the largest magnitude
+    of a deviation at each, shape (t,).  `deviation` (n,): voltages at time 0 minus their final values; `window`:
+    function from the first and last time of a window to the motion (sum of exponentials) in between; `bound`: time
+    after which all voltages lie within the band; `fastest`: shortest time constant; `band`: half width of the band, in
+    the unit of `deviation`.  All times are in seconds.
     """
     from resgrid.chip.kernels import last_outside
 

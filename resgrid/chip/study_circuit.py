@@ -233,8 +233,9 @@ class CircuitStudy(StudyInputs):
     def plan_energy(self) -> PlanEnergy:
         """Compute energy and time of one plan: settling, supply during the read-out, and conversions along the path.
 
-        Conversions need ``readout.figure_of_merit`` and ``readout.conversion_time`` of the chip description.  The path
-        is that of an ideal read-out from the starts of the scene; without starts, the mean over all starts.
+        Conversions need ``readout.figure_of_merit`` and ``readout.conversion_time`` of the chip description.  The paths
+        are those of an ideal read-out.  The number of conversions is the mean over the starts of the scene, or over all
+        free cells with a path if the scene has no such start.
 
         Returns
         -------

@@ -79,8 +79,8 @@ class Converter:
 def converter_of(readout: Readout, cells: CellMap, noise: NDArray[np.float64] | None = None) -> Converter:
     """Return the converter of a read-out.
 
-    `readout`: description of the read-out; `cells`: map of the cells, whose supply is the default range; `noise`
-    (cells,): rms noise of one measurement in volts, None for 0.
+    `readout`: description of the read-out; `cells`: map of the cells; without a range in `readout`, the range reaches
+    from rail to rail of this circuit; `noise` (cells,): rms noise of one measurement in volts, None for 0.
     """
     wiring = cells.wiring
     low, high = readout.range or sorted((wiring.goal_voltage, wiring.high))

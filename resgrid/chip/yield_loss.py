@@ -244,8 +244,8 @@ def usual_trials(space: ConfigurationSpace) -> int:
 def _without(chip: Chip) -> dict[str, tuple[tuple[str, ...], Chip]]:
     """Return the effects of a chip by name: the keys that cause an effect, and the chip description without it.
 
-    A key is a key of the chip description, such as ``readout.bits``.  An effect is left out if the description would be
-    invalid without its keys.
+    A key is a key of the chip description, such as ``readout.bits``.  An effect is left out if its keys are unset or 0,
+    or if the description would be invalid without its keys.
     """
     values = chip_keys(chip)
     found = {}

@@ -27,7 +27,7 @@ def rail_currents(op: OperatingPoint) -> dict[str, float]:
 def rail_drops(
     rules: LayoutRules, array: TileArray, tile: TileGeometry, plan: RailPlan, op: OperatingPoint
 ) -> dict[str, float]:
-    """Return the largest voltage drop between the pad and a contact of every net, in volts by the name of the net.
+    """Return the largest magnitude of the voltage drop between pad and contacts of every net, in volts, by net.
 
     The currents are those of ideal rails. A trunk (a vertical wire to a goal region or the start) carries the current
     of its net. A stripe of the obstacle rail (a horizontal wire) is fed from both ends through vertical wires, which
@@ -43,9 +43,9 @@ def rail_drops(
 
 
 def _taps(op: OperatingPoint, array: TileArray) -> NDArray[np.float64]:
-    """Return the current from the obstacle rail into every tile, in amperes, shape (columns + 2, rows + 2).
+    """Return the magnitude of the current from the obstacle rail into every tile, in amperes.
 
-    The arrays include a margin of one tile around the grid.
+    The shape is (columns + 2, rows + 2): a margin of one tile surrounds the grid.
     """
     netlist = op.netlist
     taps, amps = np.zeros(array.node.shape), np.abs(op.resistor_current)
@@ -60,9 +60,9 @@ def _taps(op: OperatingPoint, array: TileArray) -> NDArray[np.float64]:
 
 
 def _obstacle_drop(rules: LayoutRules, tile: TileGeometry, plan: RailPlan, taps: NDArray[np.float64]) -> float:
-    """Return the largest drop of the obstacle rail, in volts.
+    """Return the largest voltage drop along the obstacle rail from its pads to a contact, in volts, at least 0.
 
-    `taps` (columns + 2, rows + 2): current from the rail into every tile, in amperes.
+    `taps` (columns + 2, rows + 2): magnitude of the current from the rail into every tile, in amperes.
     """
     sheet, count = rules.metals[1].sheet, taps.shape[0]
     segment = sheet * tile.px / (tile.stripe[1] - tile.stripe[0])

@@ -70,7 +70,7 @@ def extract_layout(
 def _job(rules: LayoutRules, check_rules: bool) -> dict[str, Any]:
     """Return layers, connections and rules as input of the script `SCRIPT`.
 
-    `check_rules`: whether it checks design rules.
+    `check_rules`: whether the script checks design rules; otherwise the list of rules is empty.
     """
     layers: dict[str, Layer] = {**rules.body, **rules.ends, "contact": rules.contact}
     layers |= {cover.name: cover.layer for cover in (*rules.body_covers, *rules.covers)}
@@ -101,7 +101,8 @@ def _job(rules: LayoutRules, check_rules: bool) -> dict[str, Any]:
 def _rules(rules: LayoutRules) -> Iterator[dict[str, Any]]:
     """Yield the design rules for the script `SCRIPT`.
 
-    Each has a name, a kind, a layer, another layer or None, and a value in nanometres (nm^2 for an area).
+    Each has a name, a kind (width, space, size, enclosure, separation, margin, area or grid), a layer, another layer or
+    None, and a value in nanometres (nm^2 for an area).
     """
 
     def rule(kind: str, layer: str, value: int, other: str | None = None) -> dict[str, Any]:

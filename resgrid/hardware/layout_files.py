@@ -44,7 +44,7 @@ def write_layout(layout: Layout, file: str | os.PathLike[str], *, record: bool |
         The file; ``.gds`` is GDSII, ``.oas`` is OASIS.  The record of ``chip.gds`` is ``chip.record.json``.
     record : bool, optional
         Whether to write the record, which `check_layout` needs; by default up to 65,536 cells, because the record of a
-        larger array takes longer than its layout.
+        larger array takes longer than its layout.  An older record is removed if none is written.
 
     Raises
     ------

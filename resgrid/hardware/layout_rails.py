@@ -124,8 +124,8 @@ def plan_rails(
 ) -> RailPlan:
     """Return the measures of rails and pads.
 
-    `amps`: current of every net, in amperes; `supply`: voltage between the rails, in volts, which limits the drop along
-    trunks.
+    `amps`: current of every net, in amperes, whose sign has no effect; `supply`: magnitude of the voltage between the
+    rails, in volts, which limits the drop along trunks.
     """
     metals = rules.metals
     second, third = metals[1:3]
@@ -159,9 +159,10 @@ def plan_rails(
 
 
 def _fitting_trunks(rules: LayoutRules, array: TileArray, tile: TileGeometry, wanted: int) -> tuple[Trunk, ...]:
-    """Return the trunks of all nets with the largest width that leaves a free vertical track for each of them.
+    """Return the trunks of all nets, of one width that leaves a free vertical track for each of them.
 
-    `wanted`: upper limit of the width, in nanometres. Raises InputError if not even the smallest width fits.
+    The width is halved until the trunks fit, at most down to the width of links between goal cells. `wanted`: upper
+    limit of the width, in nanometres. Raises InputError if not even the smallest width fits.
     """
     width = min(wanted, rules.even(tile.px - tile.link - 2 * rules.metals[2].space - 2 * rules.grid))
     while width > tile.link:

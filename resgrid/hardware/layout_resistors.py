@@ -148,7 +148,8 @@ def _matched_width(rules: LayoutRules, resistance: float, matching: float) -> in
 def serpentine(rules: LayoutRules, head: Head, width: int, resistance: float, rows: int) -> Serpentine | None:
     """Return the resistor with `rows` rows whose resistance is nearest to a value; None if its body would be too short.
 
-    A body is too short if its length is below the smallest one of the process or if its rows would touch each other.
+    One row is too short below the smallest length of a body in the process. Several rows are too short if the turns on
+    the left and on the right would lie closer together than the spacing rule permits.
     `width`: width of the body in nanometres; `resistance`: wanted resistance in ohms; `rows`: odd number of rows.
     """
     corners = 2 * (rows - 1)
@@ -169,9 +170,10 @@ def serpentine(rules: LayoutRules, head: Head, width: int, resistance: float, ro
 def size_resistors(rules: LayoutRules, head: Head, width: int, resistances: Sequence[float]) -> list[Serpentine]:
     """Return one drawn resistor for each resistance, in this order.
 
-    The largest number of rows is chosen for all so that width plus height of a tile becomes smallest; a resistor that
-    is too short for this number has fewer rows. `width`: width of the bodies in nanometres; `resistances`: different
-    values in ohms. Raises InputError for a resistance that cannot be drawn.
+    One upper limit of the number of rows is chosen for all resistors, so that width plus height of a tile becomes
+    smallest. Within this limit, each resistor has the number of rows for which its drawing ends at the smallest x.
+    `width`: width of the bodies in nanometres; `resistances`: different values in ohms. Raises InputError for a
+    resistance that cannot be drawn.
     """
     for value in resistances:
         if not rules.body_length - rules.grid / 2 <= rules.length(value, width, 0) <= LONGEST:

@@ -160,8 +160,9 @@ def _front_legend(placement: Placement, lines: Iterable[str]) -> Iterator[Text]:
 
 
 def _back(placement: Placement, legend: Legend) -> Iterator[Text]:
-    """Yield the printed texts of the back: title, legend, and the expected voltage below each pad of a fixed board.
+    """Yield the printed texts of the back: title, three lines of the legend, and the expected voltage below each pad.
 
+    A board of kind "jumpers" has no expected voltages, because it serves every scene of its size.
     `legend`: title, second line, and lines of the legend.
     """
     (x0, y0), (x1, y1) = placement.origin, placement.corner
@@ -183,7 +184,10 @@ def _back(placement: Placement, legend: Legend) -> Iterator[Text]:
 
 
 def _wrapped(lines: Iterable[str], most: int) -> list[str]:
-    """Return the given lines, divided at spaces into lines of at most `most` characters."""
+    """Return the given lines, divided at spaces into lines of at most `most` characters; a limit below 12 counts as 12.
+
+    A longer word is divided, too.
+    """
     return [part for line in lines for part in wrap(line, max(most, 12))]
 
 

@@ -41,7 +41,7 @@ class Effect:
 
     @classmethod
     def of(cls, chip: Chip, seed: Seed) -> Self | None:
-        """Return the effect of a chip description; None if the description sets none of the keys in `KEYS`.
+        """Return the effect of a chip description; None if all keys in `KEYS` are unset or 0 in the description.
 
         `chip`: chip description; `seed`: seed of random effects, which this method ignores.
         """

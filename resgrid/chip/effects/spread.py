@@ -94,7 +94,7 @@ class Mismatch(Effect):
 
     @classmethod
     def of(cls, chip: Chip, seed: Seed) -> Mismatch | None:
-        """Return the mismatch of a chip description; None if the description has neither `mismatch` nor `pelgrom`.
+        """Return the mismatch of a chip description; None if its `mismatch` and `pelgrom` are both unset or 0.
 
         `seed`: seed of the chip.
         """
