@@ -262,7 +262,10 @@ def _elastance(dynamics: Dynamics) -> NDArray[np.float64]:
 
 
 def _is_small(dynamics: Dynamics) -> bool:
-    """Return whether the circuit has few enough rows (unknown voltages) for exact results from matrix factors."""
+    """Return whether the circuit has few enough rows (unknown voltages) for exact results from matrix factors.
+
+    The limit is `_EXACT_PLANE` for at most 2.1 couplings per row, as in a plane grid, else `_EXACT_VOLUME`.
+    """
     plane = dynamics.conductance.edges.nnz <= 4.2 * max(dynamics.size, 1)
     return dynamics.size <= (_EXACT_PLANE if plane else _EXACT_VOLUME)
 

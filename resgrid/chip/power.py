@@ -111,7 +111,7 @@ class Power(Result):
 
     @property
     def largest_droop(self) -> float:
-        """Largest magnitude of the droop of an obstacle or goal cell, in volts; 0 if these cells have no own nodes."""
+        """Largest magnitude of the droop of an obstacle or goal cell, in volts; 0 if no such cell has its own node."""
         return float(np.nanmax(np.abs(self.droop))) if np.isfinite(self.droop).any() else 0.0
 
     def worst(self, count: int = _WORST) -> NDArray[np.int64]:

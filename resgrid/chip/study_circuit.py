@@ -275,7 +275,7 @@ class CircuitStudy(StudyInputs):
         Raises
         ------
         AccuracyError
-            If the derivatives cannot be computed accurately enough.
+            If the error of a derivative may exceed 1e-5 of the largest derivative.
         """
         if cells is None:
             space = self.netlist.cells.space

@@ -4,15 +4,17 @@ A Laplacian is ``F^T F``, where ``F`` has a row for every element: the root of i
 the difference of its two voltages.  Differences are formed first, so that a weak connection of a stiff island to a rail
 is not rounded away in a summed diagonal.
 
-Small circuits are resolved completely, each mode to its own relative accuracy, however far apart the time constants
-are.  With ``G = L D L^T`` and ``C = F^T F``, the time constants are the squares of the singular values of ``F L^-T
-D^-1/2``.  Star-mesh elimination subtracts nothing (Grassmann, Taksar & Heyman 1985).  Jacobi's method is accurate for
-matrices that are ill-conditioned only through scaling (Drmac & Veselic 2008).
+Of circuits with at most `DENSE` unknown voltages all modes are computed, each to a small relative error of its time
+constant, however far apart the time constants are.  With ``G = L D L^T`` and ``C = F^T F``, the time constants are the
+squares of the singular values of ``F L^-T D^-1/2``.  Star-mesh elimination subtracts nothing (Grassmann, Taksar &
+Heyman 1985).  Jacobi's method is accurate for matrices that are ill-conditioned only through scaling (Drmac & Veselic
+2008).
 
 In larger circuits the slowest time constants come from Lanczos iteration on ``F G^-1 F^T`` (ARPACK; Lehoucq, Sorensen &
 Yang 1998).  The iteration is repeated with the computed modes projected out until no slower one appears, because an
 iteration from one vector finds a single copy of a multiple eigenvalue (Parlett 1998, section 12.4), and symmetric grids
-have many.  The fastest time constant comes from Lanczos iteration on ``B C^-1 B^T``, which needs no solve with ``G``.
+have many.  The fastest time constant comes from Lanczos iteration on ``B C^-1 B^T`` with ``G = B^T B``, which needs no
+solve with ``G``.
 """
 
 from __future__ import annotations
@@ -65,10 +67,11 @@ def laplacian_root(laplacian: Laplacian) -> sparse.csr_array:
 def accurate_solver(factors: Factor, capacitance: Laplacian) -> LinearMap:
     """Return a function from a right-hand side (n,) to a solution (n,) that is accurate enough for time constants.
 
-    The function is the normwise solver if it computes the Elmore delays ``A^-1 C 1`` accurately, else a componentwise
-    solver. The largest Elmore delays belong to the slowest parts of the circuit, where rounding errors appear first.
-    `factors`: factors of the matrix ``A``, which is ``G`` or ``G + s C``; `capacitance`: ``C``.  Raises AccuracyError
-    if even the componentwise solution may be inaccurate.
+    The function is the normwise solver if its Elmore delays ``A^-1 C 1`` differ from those of the componentwise solver
+    by at most `_SPOILT` of the largest delay; else it is the componentwise solver. The largest Elmore delays belong to
+    the slowest parts of the circuit, where rounding errors appear first.  `factors`: factors of the matrix ``A``, which
+    is ``G`` or ``G + s C``; `capacitance`: ``C``.  Raises AccuracyError if the bound on the relative error of the
+    componentwise delays exceeds `_PROVED`.
     """
 
     def plain(b: Floats) -> Floats:

@@ -123,7 +123,7 @@ def _along_y(
 
 
 def placements(cell: str, mask: NDArray[np.bool_], tile: TileGeometry, origin: tuple[int, int]) -> list[Placement]:
-    """Return few placements, as regular arrays, that put a cell at all true places of a mask.
+    """Return placements that put a cell at all true places of a mask, merged into few regular arrays.
 
     `cell`: name of the cell; `mask` (columns, rows): tiles that contain the cell; `origin`: column and row of the first
     entry of the mask.

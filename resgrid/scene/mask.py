@@ -42,7 +42,8 @@ class Mask:
         Whether the whole robot stays out of forbidden pixels; by default, as in Nav2, only its reference point does
         (keepout).
     unit : {"percent", "m/s"}
-        Unit of the limits `base + multiplier * occupancy`: percent of the largest speed, or length per second (speed).
+        Unit of the limits `base + multiplier * occupancy`: percent of the robot's largest speed, or length per second
+        (speed).
     base, multiplier : float
         Coefficients of the limits.  A pixel of occupancy 0 has no limit, nor has one whose limit is 0 or out of range
         (speed).

@@ -136,8 +136,8 @@ def _window(index: int, reach: int, axis: Axis) -> NDArray[np.int64]:
 def usable(scene: Scene, blocked: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return the mask of free cells that sequences of neighbouring free cells connect with a start.
 
-    If no start lies in a free cell, the mask is that of the largest connected free region.  `blocked`: mask of obstacle
-    cells; both masks have the shape of the space.
+    If no start lies in a free cell, the mask is that of the connected free region with most cells.  `blocked`: mask of
+    obstacle cells; both masks have the shape of the space.
     """
     region = label_regions(~blocked, [axis.periodic for axis in scene.axes])
     starts = [_cell_of(scene, start) for start in scene.starts]

@@ -17,7 +17,7 @@ from resgrid.scene.mask import Mask
 
 
 class SpeedLimits(NamedTuple):
-    """Speed limits of n points or segments: `fraction` (n,) of the largest speed, `speed` (n,) in lengths per second.
+    """Speed limits of n points or segments: `fraction` (n,) of the robot's largest speed, `speed` (n,) in length/s.
 
     Without a limit, the fraction is 1 and the speed is infinite.
     """
@@ -31,7 +31,7 @@ class _Zone:
     """One speed mask.
 
     `grid`: its pixels; `limit` (width, height): speed limit of every pixel, infinite for none; `is_percent`: whether
-    limits are in percent of the largest speed; otherwise they are in lengths per second.
+    limits are in percent of the robot's largest speed; otherwise they are in lengths per second.
     """
 
     grid: MaskGrid

@@ -147,8 +147,9 @@ class Track:
     def at(self, stamp: int, *, nearest: bool = False) -> tuple[str, Transform, int]:
         """Return parent frame and pose at a time, and the time in nanoseconds between the samples around it.
 
-        The last result is 0 if nothing was interpolated. `stamp`: time in nanoseconds; `nearest`: whether the first or
-        last sample replaces a time outside the samples; otherwise such a time raises UncoveredError.
+        The last result is 0 at a sample, outside the samples, and for a static transform. `stamp`: time in nanoseconds;
+        `nearest`: whether the first or last sample replaces a time outside the samples; otherwise such a time raises
+        UncoveredError.
         """
         order = self.order
         position = bisect_right(self._sorted, stamp) - 1

@@ -60,7 +60,8 @@ def read_point_cloud(
     Raises
     ------
     InputError
-        If the file is missing, damaged or empty, its format is unknown, or the resolution is below rounding errors.
+        If the file is missing, damaged or empty, its format is unknown, or the resolution is below 64 units in the last
+        place of the largest coordinate.
     BudgetError
         If the cloud would not fit in memory.
     ToolMissingError
