@@ -173,7 +173,8 @@ def noise_band(settling: Settling) -> tuple[float, float]:
 def _temperature(ideal: Netlist, chip: Chip, path: Path, words: Words) -> WrittenDeck:
     """Write the deck of the operating points at several temperatures to `path`; return the written deck.
 
-    The sidecar states the voltages for every temperature at which the coefficients leave all resistances positive.
+    The temperatures are those of `CELSIUS` and that of the chip, without those at which a resistance would be negative.
+    The sidecar states the voltages at each.
     `ideal`: circuit before the effects of the chip; `chip`: chip description; `words`: the arguments ``title`` and
     ``dialect`` of `write_spice`, by name.
     """

@@ -106,7 +106,9 @@ conductances in siemens or capacitances in farads.
 
 
 def _elements(laplacian: Laplacian, basis: sparse.csr_array) -> tuple[sparse.csr_array, _Elements]:
-    """Return a matrix of conductances or capacitances for given unknowns, shape (n, n), and its `_Elements`.
+    """Return a matrix of conductances or capacitances for given unknowns, shape (n, n), and its elements.
+
+    The elements are an incidence matrix and values (`_Elements`).
 
     `laplacian`: the matrix for row voltages; `basis` (n, n): matrix that maps the unknowns to row voltages.
     """
@@ -239,9 +241,10 @@ def _quadrature(
 ) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
     """Return the quadrature of a noise density over a band: weight of 0 Hz, further frequencies, and their weights.
 
-    Below the lowest corner frequency the density is a parabola, which its values at 0 Hz and one further frequency
-    determine. `dynamics`: circuit equations; `band`: lower and upper limit, in hertz.  Frequencies and weights have
-    shape (k,), in hertz.
+    The integral is the sum of all weights times the densities at their frequencies. Below `_FLAT` times the lowest
+    corner frequency the density is a parabola, which its values at 0 Hz and one further frequency determine.
+    `dynamics`: circuit equations; `band`: lower and upper limit, in hertz.  Further frequencies and their weights have
+    shape (k,); all are in hertz.
     """
     low, high = band
     if not dynamics.charged.any():

@@ -106,7 +106,7 @@ class CircuitStudy(StudyInputs):
         method : {"auto", "exact", "estimate"}
             "exact" computes the diagonal of the inverse matrix from its factors.  "estimate" estimates the diagonal
             from products with random signs, for large grids of three or more dimensions, whose factors need too much
-            memory.  "auto" chooses by the number of nodes.
+            memory.  "auto" is exact up to 300,000 unknown voltages in plane grids, and up to 15,000 in other circuits.
         samples : int
             Number of random vectors of an estimate.
         seed : int

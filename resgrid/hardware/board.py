@@ -146,7 +146,8 @@ class Board:
         Parameters
         ----------
         trials : int
-            Largest number of simulated boards.
+            Largest number of simulated boards; the simulation ends earlier once half the width of the yield's interval
+            of 95 % confidence is at most 0.01.
         bits : int, optional
             Resolution of the converter, 1 to 32; by default that of `readout`.
 

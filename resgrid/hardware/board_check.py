@@ -61,7 +61,7 @@ def check_board(
     file : str or path
         The board ``NAME.kicad_pcb``, its project ``NAME.kicad_pro``, or a folder with one board.
     tolerance : float
-        Largest accepted error of a voltage relative to the supply.
+        Largest accepted absolute error of a voltage, as a fraction of the supply.
     timeout : float
         Longest run of an outside program, in seconds.
 

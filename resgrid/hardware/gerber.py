@@ -158,7 +158,7 @@ def _do_word(state: _State, word: str) -> None:
 def _operate(state: _State, match: re.Match[str]) -> None:
     """Draw a line or arc, move, or flash the aperture, and change `state`.
 
-    `match`: match of the command with `_OPERATION`.
+    `match`: match of a command such as ``X100Y200D01`` with `_OPERATION`; D01 draws, D02 moves, D03 flashes.
     """
     size = state.scale * state.unit
     end = tuple(int(match[axis]) * size if match[axis] else old for axis, old in zip("xy", state.point, strict=True))

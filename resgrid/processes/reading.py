@@ -18,7 +18,7 @@ FILES = {
 
 
 def process_names() -> list[str]:
-    """Return the names of all processes, each with one of its resistors, such as ``"ihp-sg13g2:rppd"``.
+    """Return one name for every resistor of every process, such as ``"ihp-sg13g2:rppd"``.
 
     Examples
     --------

@@ -140,7 +140,7 @@ class Recording:
                     last = replace(last, note=None)
 
     def _placed(self, snapshot: MapSnapshot, goal: Pose | None, goal_frame: str, extra: str | None) -> MapSnapshot:
-        """Return a snapshot with the pose of the robot at its time, and with the goal if its frame is that of the map.
+        """Return a snapshot with the robot's pose at the snapshot's time, and the goal if it is in the map's frame.
 
         `goal_frame`: coordinate frame of the goal; `extra`: text to add to the `note` of the snapshot, None without
         one.

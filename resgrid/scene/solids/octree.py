@@ -197,7 +197,7 @@ def _cubes_of_nodes(codes: list[int], children: dict[int, list[int]], least: int
 
 
 def _halved(cubes: NDArray[np.int32]) -> NDArray[np.int32]:
-    """Return cubes (n, 4) with half their widths."""
+    """Return cubes (n, 4), each a lower corner and a width, with the same corners and half the widths."""
     return cubes // np.array([1, 1, 1, 2], dtype=np.int32)
 
 
