@@ -41,10 +41,10 @@ def across(voltage: NDArray[np.float64], ends: NDArray[np.int32]) -> NDArray[np.
 class RailContacts(NamedTuple):
     """Connections of rows (unknown voltages) to known voltages, and between rows whose nodes have voltage offsets.
 
-    Floating sources give a node a voltage offset from its row. `element`, `row` (c,): resistor and row of every
-    contact; `volts` (c,): voltage at the other end of the resistor above the lowest known voltage (for contacts between
-    rows: offset of the other end minus that of this end); `ties`: number of contacts with nodes of known voltage, which
-    come first; the others lead to other rows.
+    Floating sources (without a chain of sources to ground) give a node a voltage offset from its row. `element`, `row`
+    (c,): resistor and row of every contact; `volts` (c,): voltage at the other end of the resistor above the lowest
+    known voltage (for contacts between rows: offset of the other end minus that of this end); `ties`: number of
+    contacts with nodes of known voltage, which come first; the others lead to other rows.
     """
 
     element: NDArray[np.int32]
@@ -57,7 +57,8 @@ class RailContacts(NamedTuple):
 class Equations:
     """Reduced nodal equations of a netlist, ``laplacian @ x = drive``, for voltages ``x`` in volts above `reference`.
 
-    A row is an unknown voltage with its equation: Kirchhoff's current law at one node, or at nodes that sources join.
+    A row is an unknown voltage with its equation: Kirchhoff's current law at one node, or at nodes that floating
+    sources (sources without a chain of sources to ground) join.
 
     `netlist`: the circuit; `forest`: spanning forest of the voltage sources; `unknown` (nodes,): row of every node with
     an unknown voltage, -1 for others; nodes joined by floating sources share a row; `laplacian` (n, n): conductances

@@ -38,8 +38,8 @@ def jax_solver(
     """Return a function of jax that solves a circuit, differentiable by `jax.grad` and `jax.vjp`.
 
     The function runs outside of jax, on the host, by `resgrid.solve` and `resgrid.circuit.pullback`
-    (``jax.pure_callback`` and ``jax.custom_vjp``).  It works within ``jax.jit``, and one after another within
-    ``jax.vmap``.  Forward-mode derivatives (``jax.jvp``) and second derivatives do not exist.
+    (``jax.pure_callback`` and ``jax.custom_vjp``).  It works within ``jax.jit``, and within ``jax.vmap``, which solves
+    the circuits one after another.  Forward-mode derivatives (``jax.jvp``) and second derivatives do not exist.
 
     Parameters
     ----------
@@ -121,8 +121,8 @@ def jax_solver(
 class _Host:
     """The functions that run outside of jax.
 
-    `netlist`: the circuit; `output`: ``"voltage"`` or ``"log_drop"``; `inputs`: names of the changed values; `method`:
-    method of the linear systems.
+    `netlist`: the circuit; `output`: ``"voltage"`` or ``"log_drop"``; `inputs`: names of the arguments,
+    ``"conductance"``, ``"conductivity"``, ``"voltage"`` or ``"current"``; `method`: method of the linear systems.
     """
 
     netlist: Netlist
@@ -131,7 +131,7 @@ class _Host:
     method: str
 
     def defaults(self) -> list[NDArray[np.float64]]:
-        """Return the values of the netlist for every input."""
+        """Return the values of the netlist for every input, as a list of arrays in the order of the inputs."""
         return [
             _conductivity(self.netlist.cells.space) if name == "conductivity" else getattr(self.netlist, _FIELDS[name])
             for name in self.inputs
@@ -148,7 +148,7 @@ class _Host:
             )
 
     def solve(self, *values: Any) -> NDArray[np.float64]:
-        """Return the output (nodes,) for the values of the inputs."""
+        """Return the node voltages in volts, or the log drops, (nodes,); `values`: an array per input."""
         found = getattr(self._point(*values), self.output)
         if found is None:
             raise InputError(
@@ -157,7 +157,10 @@ class _Host:
         return np.array(found)
 
     def pull_back(self, seed: Any, *values: Any) -> tuple[NDArray[np.float64], ...]:
-        """Return the derivatives with respect to the inputs; `seed` (nodes,): weights of the output."""
+        """Return the derivatives of the weighted sum of the outputs with respect to the inputs, an array per input.
+
+        `seed` (nodes,): weights of the outputs; `values`: an array per input.
+        """
         seeds = {self.output: np.asarray(seed)}
         found = pullback(self._point(*values), method=self.method, **seeds)
         return tuple(np.array(getattr(found, name)) for name in self.inputs)
@@ -168,7 +171,10 @@ class _Host:
 
     @cached_property
     def _solved(self) -> Callable[..., OperatingPoint]:
-        """Function from the values of the inputs, as bytes of float64 arrays, to the operating point; keeps a few."""
+        """Function from the values of the inputs, as bytes of float64 arrays, to the operating point.
+
+        Stores four results.
+        """
 
         @lru_cache(maxsize=4)
         def solved(*values: bytes) -> OperatingPoint:
@@ -180,7 +186,7 @@ class _Host:
         return solved
 
     def changed(self, values: Sequence[NDArray[np.float64]]) -> Netlist:
-        """Return the netlist with the values of the inputs."""
+        """Return the netlist with other values of the inputs; `values`: an array per input."""
         changes: dict[str, Any] = {}
         for name, value in zip(self.inputs, values, strict=True):
             if name == "conductivity":
@@ -203,7 +209,10 @@ def _conductivity(space: ConfigurationSpace) -> NDArray[np.float64]:
 
 
 def _checked_inputs(inputs: Sequence[str]) -> tuple[str, ...]:
-    """Return the names of the inputs; raise InputError for none, for duplicates and for two kinds of conductances."""
+    """Return the names of the inputs as a tuple.
+
+    Raise InputError without a name, for repeated names, and for conductances and conductivities at the same time.
+    """
     names = tuple(inputs)
     if not names or len(set(names)) < len(names) or {"conductance", "conductivity"} <= set(names):
         raise InputError(

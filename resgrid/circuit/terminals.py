@@ -19,7 +19,7 @@ from resgrid.errors import InputError, suggestion
 Nodes = NDArray[np.int64]
 
 _MOST_NAMES = 5000
-"""Number of node names that are searched for a name similar to an unknown one, for the message."""
+"""Maximum number of node names that are compared with an unknown name, to suggest a similar name in the message."""
 
 
 @dataclass(frozen=True, eq=False)
