@@ -54,11 +54,10 @@ class StallDetector:
         self._anchor, self.crossed, self._dithers = place, 0.0, 0
 
     def update(self, place: Vector, cells: float) -> None:
-        """Add a commanded distance.
+        """Add a commanded distance to the sum, or restart if the robot has moved more than half a cell along an axis.
 
-        Restart if the robot is more than half a cell away from the place of the last restart.
-
-        `place` (ndim,): present position, in axis units; `cells`: distance that the robot could have moved, in cells.
+        `place` (ndim,): present position, in axis units, compared with that of the last restart; `cells`: distance that
+        the robot could have moved, in cells.
         """
         if np.any(np.abs(place - self._anchor) > 0.5 * self._spacing):
             self.reset(place)
@@ -198,9 +197,10 @@ class Navigator:
         return End(TerminationReason.NO_PATH, message)
 
     def fail(self, mode: ControlMode, configuration: Vector) -> None:
-        """Discard the target of a straight motion: the exit or, on the way back, the last configuration of the trail.
+        """Discard the target of a straight motion after a step without progress.
 
-        `mode`: kind of motion of the step; `configuration` (ndim,): present true configuration, in axis coordinates.
+        The target is the exit or, on the way back, the last configuration of the trail. `mode`: kind of motion of the
+        step; `configuration` (ndim,): present true configuration, in axis coordinates.
         """
         if self.exit is not None:
             self.give_up_exit(configuration)
@@ -219,11 +219,11 @@ class Navigator:
             self._stall.reset(configuration)
 
     def remember(self, mode: ControlMode, before: Vector, after: Vector, *, pushed: bool) -> None:
-        """Append the configuration `before` a step to the trail, so that each step back repeats an earlier step.
+        """Append the configuration before a step to the trail, so that the robot can later move back step by step.
 
-        On the way back a configuration is appended only where an external force pushed the robot off the trail.
-        `mode`: kind of motion of the step; `before, after` (ndim,): true configurations, in axis coordinates; `pushed`:
-        whether an external force acted in the step.
+        On the way back a configuration is appended only where an external force pushed the robot off the trail. `mode`:
+        kind of motion of the step; `before, after` (ndim,): true configurations before and after the step, in axis
+        coordinates; `pushed`: whether an external force acted in the step.
         """
         away = np.abs(after - self._trail[-1]) if self._trail else np.zeros_like(before)
         pushed_off = mode is ControlMode.RETREATING and pushed and np.any(away > SAME * self._live.spacing)
@@ -232,10 +232,10 @@ class Navigator:
             self._trail.append(before)
 
     def learnt(self, configuration: Vector) -> End | None:
-        """Respond to a changed map; return the end of the run, or None if the robot can still find a path to a goal.
+        """Respond to new obstacle cells of the map; return the end of the run, or None if the run continues.
 
-        It can if some configuration of the trail lies in a cell with a path, or near such a cell.  `configuration`
-        (ndim,): present true configuration, in axis coordinates.
+        The run continues if some configuration of the trail, or the present one, lies in a cell with a path to a goal
+        or near such a cell.  `configuration` (ndim,): present true configuration, in axis coordinates.
         """
         self._tried, self.exit = set(), None
         space = self._live.space

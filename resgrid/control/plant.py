@@ -164,8 +164,8 @@ class Plant:
     def penetration(self, configurations: ArrayLike) -> NDArray[np.float64]:
         """Return the penetration depth of the robot into obstacles, in metres, shape (n,); a touch has depth 0.
 
-        The depth is computed with shapely, independently of the geometry that moves the robot.  `configurations` (n,
-        ndim): in world coordinates.
+        The depth is computed with shapely, independently of the compiled kernels that move the robot.  `configurations`
+        (n, ndim): in world coordinates.
         """
         return self.axis_penetration(np.atleast_2d(self.frame.from_world(configurations)))
 

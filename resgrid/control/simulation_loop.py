@@ -118,10 +118,10 @@ class Loop:
         return self._check_progress(mode, elapsed * pace, pushed, seen)
 
     def _pace(self, velocity: Vector) -> float:
-        """Return the speed of a velocity within the speed limits, in cells per second (largest axis component).
+        """Return the largest axis component of a velocity after its reduction to the speed limits, in cells per second.
 
-        `velocity` (ndim,): in axis coordinates, per second.  For a velocity of 0 the nominal speed of the controller is
-        used.
+        `velocity` (ndim,): in axis coordinates, per second.  For a velocity of 0 the result is that of the nominal
+        speed of the controller, or of the largest speed limit if this is lower.
         """
         controller, spacing = self.live.controller, self.live.spacing
         fastest = float((np.abs(controller.limited(velocity, self.believed)) / spacing).max())
@@ -132,9 +132,9 @@ class Loop:
     def _contacts(self, around: Surroundings, velocity: Vector, pause: float) -> ContactSet | None:
         """Return the contacts and their forces at a commanded velocity, or None without contacts.
 
-        The speed limits scale the whole velocity later, including the rates at which gaps open; `pause` is scaled
-        accordingly. `around`: pairs of near points; `velocity` (ndim,): command in axis coordinates, per second, before
-        the speed limits; `pause`: duration of the step, in seconds.
+        The speed limits later reduce the whole velocity by a factor, including the rates at which gaps open; the
+        duration is multiplied by this factor to compensate. `around`: pairs of near points; `velocity` (ndim,): command
+        in axis coordinates, per second, before the speed limits; `pause`: duration of the step, in seconds.
         """
         controller = self.live.controller
         limited = controller.limited(velocity, self.believed)
@@ -251,10 +251,10 @@ class Loop:
 
 
 def _makes_progress(velocity: Vector, chosen: Vector) -> bool:
-    """Return whether the velocity of a step has a significant component along the command.
+    """Return whether the scalar product of the velocity of a step and its command exceeds a limit.
 
-    `velocity` (ndim,): velocity of the step; `chosen` (ndim,): command without contacts and external force; both in
-    axis coordinates, per second.
+    Both vectors are divided by the largest component of the command; the limit is 0.1.  `velocity` (ndim,): velocity of
+    the step; `chosen` (ndim,): command without contacts and external force; both in axis coordinates, per second.
     """
     size = float(np.abs(chosen).max())
     return size > 0.0 and float((velocity / size) @ (chosen / size)) > _PROGRESS
