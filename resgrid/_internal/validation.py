@@ -51,7 +51,8 @@ class TypeCheck(NamedTuple):
     """Check of the values that one annotation allows.
 
     `accepts`: function that returns whether a value has the type; `words`: descriptions of the type for messages, one
-    per member of a union; `entry`: check of the entries of a list, None for other types.
+    per member of a union; `entry`: check of every entry of a list; None for other types and for tuples of different
+    types.
     """
 
     accepts: Callable[[Any], bool]
@@ -301,7 +302,10 @@ def _is_list(value: Any) -> bool:
 
 
 def _is_real(value: Any) -> bool:
-    """Return whether a value is a real or infinite number; NaN, bools and integers beyond 64 bits are not."""
+    """Return whether a value is a number that is real and possibly infinite.
+
+    NaN, bools and integers beyond 64 bits are not.
+    """
     if isinstance(value, float | np.floating):
         return not math.isnan(value)
     return is_number(value) and not (is_whole(value) and abs(int(value)) > _LARGEST)
