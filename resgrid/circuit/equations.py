@@ -18,7 +18,10 @@ _MANY = 20_000
 """Largest number of current sources at ground whose currents are summed exactly; longer sums are rounded."""
 
 ALWAYS_RECOVERED = 500
-"""Number of nodes up to which currents of circuits without cells are always recovered; recovery takes milliseconds."""
+"""Number of nodes up to which currents of circuits without cells are always computed again by `current_recovery`.
+
+For so few nodes this takes milliseconds.
+"""
 
 
 def sum_by_row(row: NDArray[np.int32], values: NDArray[np.float64], size: int) -> NDArray[np.float64]:
@@ -312,10 +315,10 @@ def _range(values: NDArray[np.float64], group: NDArray[np.int32], count: int) ->
 def contacts_of(
     ends: NDArray[np.int32], candidates: NDArray[np.int32], unknown: NDArray[np.int32], forest: SourceForest
 ) -> RailContacts:
-    """Return the contacts among candidate elements: the connections of rows to known voltages or to shifted rows.
+    """Return the contacts among candidate elements: connections of rows to known voltages or to rows of other offset.
 
     `ends` (m, 2): nodes of all elements; `candidates` (k,): indices of the candidates; `unknown` (nodes,): row of every
-    node, -1 without a row; `forest`: spanning forest of the voltage sources.
+    node, -1 without a row; `forest`: spanning forest of the voltage sources, with the voltage offset of every node.
     """
     first, second = np.take(ends, candidates, axis=0).T
     i, j = np.take(unknown, first), np.take(unknown, second)

@@ -25,7 +25,10 @@ Output = Literal["voltage", "log_drop"]
 Input = Literal["conductance", "conductivity", "voltage", "current"]
 
 _FIELDS = {"conductance": "conductance", "voltage": "source_volts", "current": "current_amps"}
-"""Fields of a netlist, by the name of the input."""
+"""Name of the field of a netlist that contains an input, by the name of the input.
+
+Conductivities have no such field.
+"""
 
 
 def jax_solver(
@@ -173,7 +176,7 @@ class _Host:
     def _solved(self) -> Callable[..., OperatingPoint]:
         """Function from the values of the inputs, as bytes of float64 arrays, to the operating point.
 
-        Stores four results.
+        The results for the last four sets of values are stored.
         """
 
         @lru_cache(maxsize=4)
@@ -198,7 +201,10 @@ class _Host:
         return self.netlist.replace(**changes)
 
     def _compiled(self, conductivity: NDArray[np.float64]) -> Netlist:
-        """Return the compiled space with other conductivities, (shape of the space)."""
+        """Return the compiled netlist of the space with other conductivities.
+
+        `conductivity` (shape of the space): conductivities of the cells, in units of the nominal one.
+        """
         cells = self.netlist.cells
         return compile_space(ConfigurationSpace(cells.space.axes, cells.space.cell, conductivity), cells.wiring)
 

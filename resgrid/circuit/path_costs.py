@@ -27,7 +27,7 @@ from resgrid.solvers.scaled import Scaled, canonical, logarithm
 
 
 class _Costs(NamedTuple):
-    """Costs of the free nodes, on which the random walk pays per unit of time ``R C``.
+    """Costs of the free nodes: a random walk pays the cost of the node where it is, per unit of time ``R C``.
 
     `node` (k,): free nodes that do not float; `cell` (k,): flat index of the cell of every node; `amps` (nodes,): cost
     of the node divided by ``R`` in ohms, 0 for other nodes.
