@@ -255,7 +255,7 @@ class Body:
         return True
 
     def _time_step(self, velocity: Vector, longest: float, around: Surroundings) -> float:
-        """Return the duration of a step in seconds: until an axis has moved by one step, or until a new contact.
+        """Return the duration of a step in seconds: until an axis has moved by one step, or a contact or stop begins.
 
         `velocity` (ndim,): in axis coordinates, per second; `longest`: maximum duration, in seconds; `around`: pairs of
         near points.

@@ -217,7 +217,7 @@ class Controller:
 
     @cached_property
     def _zones(self) -> SpeedZones | None:
-        """The speed limits of the masks; None without such a mask."""
+        """The speed limits of the masks; None if no mask limits the speed."""
         return speed_zones(self.masks)
 
     def with_field(self, field: Field) -> Controller:

@@ -64,7 +64,7 @@ def goal_offsets(space: ConfigurationSpace, place: Vector, *, sure: bool = True)
 
 
 def exits(space: ConfigurationSpace, place: Vector) -> list[tuple[CellIndex, Vector]]:
-    """Return the cells with a path to a goal within `RECOVERY` cells of a point, nearest first.
+    """Return the cells with a path to a goal within `RECOVERY` (2) cells of a point, nearest first.
 
     Each entry is the index of a cell and the offset (ndim,) from the point to the centre of the cell, in axis units.
     The cell of the point is left out.  `place` (ndim,): the point, in axis coordinates.

@@ -78,11 +78,9 @@ def _from_tolerant_pose(
 ) -> float:
     """Return the distance of a configuration from a goal configuration with a tolerance, in axis units.
 
-    0 inside the goal.
-
-    `place`: goal configuration in axis coordinates; `tolerance`: largest distance of the first two coordinates from
-    those of the goal, or of all coordinates for a robot that moves in the workspace; other coordinates have no
-    tolerance; `configuration` (ndim,): in axis coordinates.
+    The distance is 0 inside the goal.  `place`: goal configuration in axis coordinates; `tolerance`: largest distance
+    of the first two coordinates from those of the goal, or of all coordinates for a robot that moves in the workspace;
+    other coordinates have no tolerance; `configuration` (ndim,): in axis coordinates.
     """
     gap = np.array(place) - _wrapped(space, configuration)
     turn = (space.upper - space.lower)[space.periodic]

@@ -32,7 +32,7 @@ _FLAT = (
 """Message for a cell with a path to a goal but without current."""
 
 DITHERS = 10
-"""Maximum number of small random motions of a robot that has stalled, until it has left a half cell."""
+"""Maximum number of small random motions of a stalled robot before it has moved more than half a cell."""
 
 SAME = 1e-9
 """Distance up to which two positions count as equal, as a fraction of the cell width."""
@@ -93,9 +93,10 @@ class Command(NamedTuple):
 
 
 class Navigator:
-    """Chooses the command without contact; records the trail of the robot and the cells that it could not reach.
+    """Chooses the command without contact, and records the trail and the cells that the robot could not reach.
 
-    `live`: map and controller of the robot; `sensor`: position sensor; `stall`: stall detector.
+    The trail is the list of the true configurations that the robot has passed.  `live`: map and controller of the
+    robot; `sensor`: position sensor; `stall`: stall detector.
     """
 
     def __init__(self, live: LiveMap, sensor: Sensor, stall: StallDetector) -> None:
@@ -150,9 +151,9 @@ class Navigator:
     def _recover(self, believed: Vector, configuration: Vector) -> Command | End:
         """Return the command that leads out of a cell without a path to a goal, or the end of a run without way out.
 
-        The robot moves back along its trail or, if no configuration of the trail lies in a cell with a path, straight
-        to a near cell with a path.  `believed` (ndim,): configuration according to the sensor; `configuration` (ndim,):
-        true configuration; both in axis coordinates.
+        The robot moves back along its trail (the configurations that it has passed) or, if none of them lies in a cell
+        with a path, straight to a near cell with a path.  `believed` (ndim,): configuration according to the sensor;
+        `configuration` (ndim,): true configuration; both in axis coordinates.
         """
         if self._cut_off:
             for cell, offset in exits(self._live.space, believed):
@@ -199,8 +200,8 @@ class Navigator:
     def fail(self, mode: ControlMode, configuration: Vector) -> None:
         """Discard the target of a straight motion after a step without progress.
 
-        The target is the exit or, on the way back, the last configuration of the trail. `mode`: kind of motion of the
-        step; `configuration` (ndim,): present true configuration, in axis coordinates.
+        The target is a cell or, on the way back along the passed configurations (the trail), the last one of these.
+        `mode`: kind of motion of the step; `configuration` (ndim,): present true configuration, in axis coordinates.
         """
         if self.exit is not None:
             self.give_up_exit(configuration)
@@ -208,7 +209,7 @@ class Navigator:
             self._trail.pop()
 
     def give_up_exit(self, configuration: Vector) -> None:
-        """Mark the present exit as unreachable.
+        """Mark the exit, the cell to which the robot moves in a straight line, as unreachable.
 
         `configuration` (ndim,): present true configuration, in axis coordinates.
         """
@@ -219,7 +220,7 @@ class Navigator:
             self._stall.reset(configuration)
 
     def remember(self, mode: ControlMode, before: Vector, after: Vector, *, pushed: bool) -> None:
-        """Append the configuration before a step to the trail, so that the robot can later move back step by step.
+        """Append the configuration before a step to the trail, the list of configurations for the way back.
 
         On the way back a configuration is appended only where an external force pushed the robot off the trail. `mode`:
         kind of motion of the step; `before, after` (ndim,): true configurations before and after the step, in axis
@@ -234,8 +235,8 @@ class Navigator:
     def learnt(self, configuration: Vector) -> End | None:
         """Respond to new obstacle cells of the map; return the end of the run, or None if the run continues.
 
-        The run continues if some configuration of the trail, or the present one, lies in a cell with a path to a goal
-        or near such a cell.  `configuration` (ndim,): present true configuration, in axis coordinates.
+        The run continues if some configuration that the robot has passed, or the present one, lies in a cell with a
+        path to a goal or near such a cell.  `configuration` (ndim,): present true configuration, in axis coordinates.
         """
         self._tried, self.exit = set(), None
         space = self._live.space

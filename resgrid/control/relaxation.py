@@ -82,7 +82,7 @@ class RelaxingGrid:
         self._pending = 0.0
 
     def change(self, space: ConfigurationSpace) -> None:
-        """Connect the rails according to another map; the voltages of all other nodes stay.
+        """Connect the rails according to another map; the voltages of all other nodes do not change.
 
         `space`: the new map, with the axes of the old one.  Raises InputError for other axes.
         """

@@ -174,7 +174,8 @@ class Simulation:
     def _checked_start(self, start: ArrayLike | None, *, exact: bool) -> NDArray[np.float64]:
         """Return a start (n,) in axis coordinates; raise InputError if the robot is inside an obstacle there.
 
-        `start` (n,): in world coordinates, None for the scene's; `exact`: True to skip the check in an obstacle cell.
+        `start` (n,): in world coordinates, None for the first start of the scene; `exact`: whether the sensor is exact;
+        an obstacle cell of the map is then accepted, because the run ends there at once.
         """
         if start is None:
             if self.scene is None or not self.scene.starts:

@@ -146,9 +146,10 @@ class Loop:
     def _check_progress(self, mode: ControlMode, cells: float, pushed: bool, seen: Nominal) -> End | None:
         """Return the end of a run that makes no progress, else None.
 
-        A robot that has stalled first gives up its target cell, or makes a small random motion, before the run ends.
-        `mode`: kind of motion of the step; `cells`: distance that the step could have covered, in cells; `pushed`:
-        whether an external force acted; `seen`: nominal motion at the measured configuration.
+        A run ends if the robot has stalled or has waited too long for a grid to settle.  A robot that has stalled first
+        gives up its target cell, or makes a small random motion. `mode`: kind of motion of the step; `cells`: distance
+        that the step could have covered, in cells; `pushed`: whether an external force acted; `seen`: nominal motion at
+        the measured configuration.
         """
         stall, place, grid = self.stall, self.body.configuration, self.live.grid
         if pushed:
@@ -192,7 +193,10 @@ class Loop:
         )
 
     def _dither(self) -> None:
-        """Move the robot by a random offset of at most 0.1 cell per axis, if collision-free, and record the step."""
+        """Move the robot by a random offset and record the step, unless the motion would meet an obstacle.
+
+        The offset is at most 0.1 cell per axis.
+        """
         before, none = self.body.configuration, np.zeros_like(self.torque)
         self.torque = none
         if self.body.shaken(self.rng.uniform(-0.1, 0.1, len(none)) * self.live.spacing):
