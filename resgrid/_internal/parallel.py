@@ -46,7 +46,7 @@ _AHEAD = 16
 """Maximum number of finished tasks that wait for an earlier one, as a multiple of the window (see `_FIRST_WINDOW`)."""
 
 _MAX_DEATHS = 3
-"""Number of worker deaths during a task at which the task fails; after one death fewer, the task runs alone."""
+"""Number of worker deaths during a task at which the task fails; after two deaths, the task runs alone."""
 
 _SECONDS_WITHOUT_WORKERS = 300.0
 """Time in seconds after the last worker of a dask scheduler has gone at which the job fails."""

@@ -91,7 +91,7 @@ _NAMESPACES = tuple(f"resgrid.{name}" for name in ("planning", "circuit", "chip"
 _ARRAY = frozenset(get_args(getattr(ArrayLike, "__value__", ArrayLike)))
 """Types in the union `numpy.typing.ArrayLike`, which numpy 2.5 defines by a type statement."""
 _MAX_TEXT = 60
-"""Number of characters of a value that a message shows at most."""
+"""Maximum number of characters of a value in a message; the rest is cut off."""
 _LARGEST = 2**63 - 1
 """Largest magnitude of a whole number in an argument; larger ones raise InputError."""
 
@@ -302,9 +302,9 @@ def _is_list(value: Any) -> bool:
 
 
 def _is_real(value: Any) -> bool:
-    """Return whether a value is a number that is real and possibly infinite.
+    """Return whether a value is a real number, which may be infinite.
 
-    NaN, bools and integers beyond 64 bits are not.
+    The result is False for NaN, bools, and integers beyond 64 bits.
     """
     if isinstance(value, float | np.floating):
         return not math.isnan(value)
