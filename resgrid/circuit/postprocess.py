@@ -319,8 +319,7 @@ def differences(
 def with_tiny_currents(
     amps: NDArray[np.float64], floor: float, tiny: NDArray[np.float64], exponent: NDArray[np.int64]
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return currents in amperes as mantissas and exponents (resistors,): `amps`, but `tiny` where `amps` was set to 0.
-    """
+    """Return currents as mantissas and exponents (resistors,): `amps`, but `tiny` where `amps` was set to 0."""
     lost = (amps == 0.0) & (np.abs(tiny * power(exponent)) <= _floor_of(amps, floor))
     return np.where(lost, tiny, amps), np.where(lost, exponent, 0)
 
