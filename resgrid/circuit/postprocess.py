@@ -248,8 +248,9 @@ def _branch_currents(
     """Return branch currents, relative KCL residuals (nodes,), and whether large currents have few correct digits.
 
     `unknown` (nodes,): row of a node, -1 where KCL is not checked; `falling` (nodes,): values that fall along currents;
-    negligible currents against them are rounding errors and are set to 0; `recovered`, `tiny`: see `read_entrywise`.
-    Nodes joined by floating sources count as one node.  Between mirror-symmetric cells, currents are rounding errors.
+    negligible currents against them, as between mirror-symmetric cells, are rounding errors and are set to 0;
+    `recovered`: recovered currents, or None; `tiny`: currents that replace recovered currents of 0, or None.  Nodes
+    joined by floating sources count as one node.
     """
     from resgrid.circuit.kernels import drop_unresolved
 
