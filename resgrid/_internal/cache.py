@@ -32,7 +32,7 @@ def cache_folder() -> Path | None:
 
 
 def load_array(name: str, key: str) -> NDArray[Any] | None:
-    """Return the cached array of a key, or None if there is none or its file is damaged.
+    """Return the cached array of a key, or None if the cache has no array of this key or the file is damaged.
 
     `name`: kind of the result, the first part of the file's name; `key`: hash of the inputs.
     """
@@ -48,7 +48,7 @@ def load_array(name: str, key: str) -> NDArray[Any] | None:
 
 
 def store_array(name: str, key: str, array: NDArray[Any]) -> None:
-    """Write an array to the cache; without effect if there is no cache or it cannot be written.
+    """Write an array to the cache; do nothing if there is no cache folder or the folder cannot be written.
 
     `name`: kind of the result, the first part of the file's name; `key`: hash of the inputs.
     """

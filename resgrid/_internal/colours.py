@@ -16,4 +16,6 @@ GOAL = "#e8491d"
 """Colour of goals: red, in contrast to the yellow cells around them."""
 
 SURFACE = ("#7890a8", "#a9b4c0", "#d8d3c8", "#f3ecdc")
-"""Colours of the surface of obstacles in space by height: dark grey-blue below, pale above."""
+"""Colours of the surface of obstacles in space by their z coordinate: dark grey-blue at the lowest, pale at the
+highest.
+"""

@@ -83,7 +83,10 @@ def open_executor(name: str) -> Iterator[Executor]:
 
 
 def renewed(executor: Executor) -> Executor | None:
-    """Return a new pool with the number of processes of a broken process pool; None for other kinds of executors."""
+    """Return a new pool in place of a broken process pool, with the same number of processes; None for other executors.
+
+    `executor`: the broken executor.
+    """
     kind = type(executor)
     if kind.__module__.partition(".")[0] == "loky":
         pool: Executor = importlib.import_module("loky").get_reusable_executor(getattr(executor, "_max_workers", None))
@@ -100,7 +103,10 @@ def renewed(executor: Executor) -> Executor | None:
 
 
 def is_lost_by_dask(error: BaseException) -> bool:
-    """Return whether an exception means that dask lost a task: dask then fails to unpack an empty answer."""
+    """Return whether an exception means that dask lost a task.
+
+    In this case dask raises ValueError because it fails to unpack an empty answer.  `error`: exception of the task.
+    """
     trace = error.__traceback__
     while trace is not None and trace.tb_next is not None:
         trace = trace.tb_next
@@ -182,7 +188,7 @@ class DaskExecutor(Executor):
             return True
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Wait for the submitted calls, unless `wait` is False or `cancel_futures` is True; then cancel them."""
+        """Wait for the submitted calls; if `wait` is False or `cancel_futures` is True, cancel them instead."""
         self._executor.shutdown(wait=wait and not cancel_futures)
 
 

@@ -215,9 +215,10 @@ def _make_parents(target: Path, named: Path) -> list[Path]:
 
 
 def _move_files(temporary: Path, target: Path) -> None:
-    """Move all files of the folder `temporary` to `target`, the summary last, and delete outdated files in `target`.
+    """Move all files of the folder `temporary` to `target`, the summary last.
 
-    Files in subfolders move to subfolders of the same name.
+    Files in subfolders move to subfolders of the same name.  Files in `target` that the summary of an earlier run
+    lists, and that are not replaced, are deleted.
     """
     if not target.exists():
         temporary.rename(target)

@@ -43,10 +43,10 @@ _FIRST_WINDOW, _MAX_WINDOW = 4, 4096
 """Initial and maximum number of tasks that are submitted to the executor at one time (the window)."""
 
 _AHEAD = 16
-"""Maximum number of finished tasks that wait for an earlier one, as a multiple of the number of submitted tasks."""
+"""Maximum number of finished tasks that wait for an earlier one, as a multiple of the window (see `_FIRST_WINDOW`)."""
 
 _MAX_DEATHS = 3
-"""Number of worker deaths during a task at which the task fails; after one death fewer, the task runs alone."""
+"""Number of worker deaths during a task at which the task fails; after two deaths, the task runs alone."""
 
 _SECONDS_WITHOUT_WORKERS = 300.0
 """Time in seconds after the last worker of a dask scheduler has gone at which the job fails."""
@@ -219,7 +219,10 @@ class _Chunker:
 
 
 class _Scheduler:
-    """Submits the tasks that `chunker` forms to an executor, and keeps results until all earlier results are known."""
+    """Submits tasks to an executor, and stores results until all earlier results are known.
+
+    `executor`: executor of the caller; `chunker`: forms the tasks.
+    """
 
     def __init__(self, executor: Executor, chunker: _Chunker) -> None:
         self._executor, self._is_own, self._chunker = executor, False, chunker

@@ -51,7 +51,8 @@ class TypeCheck(NamedTuple):
     """Check of the values that one annotation allows.
 
     `accepts`: function that returns whether a value has the type; `words`: descriptions of the type for messages, one
-    per member of a union; `entry`: check of the entries of a list, None for other types.
+    per member of a union; `entry`: check of every entry of a list; None for other types and for tuples of different
+    types.
     """
 
     accepts: Callable[[Any], bool]
@@ -90,7 +91,7 @@ _NAMESPACES = tuple(f"resgrid.{name}" for name in ("planning", "circuit", "chip"
 _ARRAY = frozenset(get_args(getattr(ArrayLike, "__value__", ArrayLike)))
 """Types in the union `numpy.typing.ArrayLike`, which numpy 2.5 defines by a type statement."""
 _MAX_TEXT = 60
-"""Number of characters of a value that a message shows at most."""
+"""Maximum number of characters of a value in a message; the rest is cut off."""
 _LARGEST = 2**63 - 1
 """Largest magnitude of a whole number in an argument; larger ones raise InputError."""
 
@@ -301,7 +302,10 @@ def _is_list(value: Any) -> bool:
 
 
 def _is_real(value: Any) -> bool:
-    """Return whether a value is a real or infinite number; NaN, bools and integers beyond 64 bits are not."""
+    """Return whether a value is a real number, which may be infinite.
+
+    The result is False for NaN, bools, and integers beyond 64 bits.
+    """
     if isinstance(value, float | np.floating):
         return not math.isnan(value)
     return is_number(value) and not (is_whole(value) and abs(int(value)) > _LARGEST)

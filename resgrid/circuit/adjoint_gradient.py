@@ -48,17 +48,18 @@ class Gradient:
         Derivative with respect to the conductance of every resistor, per siemens.
     voltage : ndarray of float64, shape (sources,)
         Derivative with respect to every source voltage, per volt; NaN for sources in a loop of sources, whose voltages
-        cannot change one by one.
+        cannot change one by one; 0 for path costs, which do not depend on sources.
     current : ndarray of float64, shape (current sources,)
-        Derivative with respect to the current of every current source, per ampere.
+        Derivative with respect to the current of every current source, per ampere; 0 for path costs.
     injection : ndarray of float64, shape (nodes,)
         Derivative with respect to a current from ground into every node, per ampere: the adjoint voltage.  NaN where
-        the node floats; 0 for path costs, which do not depend on sources.
+        the node floats; 0 for path costs.
     nonlinear_current, nonlinear_voltage : ndarray of float64, shape (nonlinear resistors,)
-        Derivatives with respect to ``I0``, per ampere, and to ``V0``, per volt.
+        Derivatives with respect to the parameters of ``I = I0 tanh(dV / V0)``: ``I0``, per ampere, and ``V0``, per
+        volt.
     cost : ndarray of float64, shape of the space, or None
-        Of a path cost: derivative with respect to the cost of every cell, the expected time in the cell in units of
-        ``R C``.  Otherwise None.
+        For path costs (expected costs of a random walk), derivative with respect to the cost of every cell: the
+        expected time of the walk in the cell, in units of ``R C``.  None for other functions.
     leak : ndarray of float64, shape of the space, or None
         Derivative with respect to the leak of every free cell (`Wiring.leak`); the sum is the derivative with respect
         to the leak of the space.  None for a circuit that was not compiled from a space, with nonlinear resistors, and
@@ -110,12 +111,14 @@ def gradient_of(
     op: OperatingPoint, netlist: Netlist, value: float, adjoint: Response, forward: Numbers, above: Numbers,
     cost: NDArray[np.float64] | None = None,
 ) -> Gradient:  # fmt: skip
-    """Return the gradient from the adjoint and the currents of the circuit.
+    """Return the derivatives of a function of the node voltages with respect to all elements of a circuit.
 
-    `netlist`: small-signal circuit at the operating point, in which the resistors that replace nonlinear ones come
-    last; `value`: value of the function; `adjoint`: response to its derivatives with respect to the node voltages;
-    `forward` (resistors of `netlist`,): currents, in amperes; `above` (nodes,): voltages above the obstacle rail, in
-    volts; `cost`: derivatives with respect to the costs of cells.
+    `op`: operating point; `netlist`: small-signal circuit at `op`, in which resistors of the differential conductances
+    replace the nonlinear ones and come last; `value`: value of the function; `adjoint`: voltages and currents of
+    `netlist` with zeroed sources if the derivatives of the function with respect to the node voltages are injected as
+    currents; `forward` (resistors of `netlist`,): currents in amperes, and `above` (nodes,): voltages above the
+    obstacle rail in volts, both as mantissas and exponents of ``2**256``; `cost` (shape of the space): derivatives with
+    respect to the costs of the cells, None if the function is not a path cost.
     """
     count, given = len(op.netlist.conductance), op.netlist
     slope = -_product(adjoint.resistor, forward, netlist.conductance)
@@ -140,10 +143,11 @@ def gradient_of(
 
 
 def _leaks(netlist: Netlist, slope: NDArray[np.float64], adjoint: Scaled, above: Numbers) -> NDArray[np.float64] | None:
-    """Return the derivatives with respect to the leaks of the cells, shape of the space; None where undefined.
+    """Return the derivatives with respect to the leaks of the cells, shape of the space.
 
-    `slope` (resistors,): derivatives with respect to the conductances; `adjoint` (nodes,): adjoint voltages; `above`
-    (nodes,): voltages above the obstacle rail, in volts.
+    None for a circuit that was not compiled from a space, with nonlinear resistors, and with a drive.  `slope`
+    (resistors,): derivatives with respect to the conductances; `adjoint` (nodes,): adjoint voltages; `above` (nodes,):
+    voltages above the obstacle rail in volts, as mantissas and exponents of ``2**256``.
     """
     cells = netlist.cell_map
     if cells is None or netlist.nonlinear_nodes.size or cells.wiring.is_driven:
@@ -162,9 +166,10 @@ def _leaks(netlist: Netlist, slope: NDArray[np.float64], adjoint: Scaled, above:
 
 
 def _product(first: Numbers, second: Numbers, conductance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the products of the voltages across resistors, as doubles (resistors,), from their currents.
+    """Return the product of the voltages across every resistor in two states of a circuit, (resistors,), as doubles.
 
-    `first`, `second`: currents in amperes, as mantissas and exponents; `conductance`: in siemens.
+    `first`, `second` (resistors,): currents of the resistors in the two states, in amperes, as mantissas and exponents
+    of ``2**256``; `conductance` (resistors,): in siemens.  Products beyond the range of doubles are 0 or infinite.
     """
     (one, e_one), (two, e_two), (g, e_g) = (np.frexp(part) for part in (first[0], second[0], conductance))
     exponent = BITS * (first[1] + second[1]) + e_one.astype(np.int64) + e_two - 2 * e_g
@@ -173,7 +178,10 @@ def _product(first: Numbers, second: Numbers, conductance: NDArray[np.float64]) 
 
 
 def forward_currents(op: OperatingPoint) -> Numbers:
-    """Return the currents of the resistors, nonlinear ones last, in amperes, as mantissas and exponents."""
+    """Return the currents of the small-signal circuit for the voltages of an operating point, in amperes, (resistors,).
+
+    The result is a pair of mantissas and exponents of ``2**256``.  The resistors that replace nonlinear ones come last.
+    """
     amps, exponent = op.readings.scaled
     if not op.netlist.nonlinear_nodes.size:
         return amps, np.asarray(exponent)
@@ -183,7 +191,11 @@ def forward_currents(op: OperatingPoint) -> Numbers:
 
 
 def source_free_circuit(op: OperatingPoint, driven: NDArray[np.int64], method: str) -> SourceFreeCircuit:
-    """Return the factored small-signal circuit without sources; `driven` (k,): nodes that currents enter."""
+    """Return the factored small-signal circuit with all sources set to zero.
+
+    `op`: operating point around which the circuit is linearized; `driven` (k,): nodes that injected currents may enter;
+    `method`: ``"direct"``, ``"multigrid"``, or ``"auto"`` for the method of `op`.
+    """
     used = op.method.rpartition(" ")[2]
     if method == "auto" and used in METHODS:
         method = used

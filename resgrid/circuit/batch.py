@@ -22,17 +22,20 @@ from resgrid.solvers.hierarchy_reuse import ChipSolver, solve_in_order, solver_b
 from resgrid.solvers.symbolic import order_rows
 
 _SMALL = 1000
-"""Number of rows (unknown voltages) up to which all chips are factored; larger grids are solved by multigrid."""
+"""Number of rows (unknown voltages) up to which every chip is factored; larger grids are solved by multigrid."""
 
 _MOST_CONTRAST = 1e3
-"""Largest ratio of two nominal conductances up to which chips share the coarse multigrid levels of the nominal chip."""
+"""Largest ratio of the largest diagonal entry of the nominal matrix to its smallest nonzero magnitude, for multigrid.
+
+Up to this ratio, chips share the coarse multigrid levels of the nominal chip.  Beyond it, every chip is factored.
+"""
 
 
 class Batch(NamedTuple):
     """Common set-up of all chips with one circuit.
 
     `system`: equations of the nominal chip, whose sparsity all chips have; `solver`: function that solves the equations
-    of many chips one after the other.
+    of many chips one after the other, with the result None for a chip that differs too much from the nominal one.
     """
 
     system: Equations
@@ -121,8 +124,9 @@ def prepare_batch(netlist: Netlist) -> Batch | None:
 def solve_batch(batch: Batch, conductance: NDArray[np.float64], *, rtol: float = 1e-10) -> NDArray[np.float64]:
     """Return the node voltages of chips above ground, in volts, (chips, nodes); NaN where a node floats.
 
-    `batch`: common set-up; `conductance` (chips, resistors): conductances in siemens; `rtol`: relative tolerance, as
-    defined by `solve_many`.
+    `batch`: common set-up; `conductance` (chips, resistors): conductances in siemens; `rtol`: for multigrid, largest
+    norm of the residual relative to the norm of the source currents; for factorization, largest error of a voltage
+    relative to the largest voltage.
     """
     system, solver = batch
     voltage = np.empty((len(conductance), system.netlist.node_count))

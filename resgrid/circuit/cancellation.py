@@ -37,16 +37,16 @@ The floor is the magnitude below which voltages and currents are set to zero.
 """
 
 _NEAR_FLOOR = 20
-"""Binary logarithm of a factor above the floor, the current below which currents are set to zero.
+"""Binary logarithm of a multiple of the floor; KCL is not checked at nodes with less total current than this multiple.
 
-KCL is not checked at nodes whose total current is below the floor times this factor, because some of the currents at
-such a node may have been set to zero.
+The floor is the current below which currents are set to zero.  At such a node, some of the currents may have been set
+to zero.
 """
 
 _LEAST_AMPS = -2200
-"""Lower limit on the binary logarithm of the largest current in amperes, for circuits without sources.
+"""Lower limit on the estimate of the largest current, as a binary logarithm of amperes.
 
-The limit lies below the range of doubles.
+The limit applies to circuits without sources, and lies below the range of doubles.
 """
 
 _TINY = float(np.finfo(np.float64).tiny)
@@ -59,14 +59,14 @@ _MOST_STEPS = 200
 class RecoveredCurrents(NamedTuple):
     """Voltages and currents that obey Kirchhoff's current law even where large values cancel.
 
-    `volts` (nodes,): voltages above ground, NaN where a node floats; `heights` (nodes,): voltages above the lowest
-    known voltage, ``Equations.reference``; `amps` (resistors,): currents from the first end to the second;
-    `source_amps` (sources,): currents into the plus terminal, NaN in a loop of sources; `power`: total power of the
-    resistors, in watts; `unchecked` (nodes,): whether all currents at a node are so small that some of them may have
-    been set to zero; `entry_error`: bound on the relative error of every entry of `volts` and `heights`, or infinity if
-    there is none; `error_bound`: bound on the error of a voltage relative to the largest one, and of a current relative
-    to the current through either end; `floor`: fraction of the largest voltage or current below which values may have
-    been set to zero.
+    `volts` (nodes,): voltages above ground in volts, NaN where a node floats; `heights` (nodes,): voltages in volts
+    above the lowest known voltage, ``Equations.reference``; `amps` (resistors,): currents from the first end to the
+    second, in amperes; `source_amps` (sources,): currents into the plus terminal in amperes, NaN in a loop of sources;
+    `power`: total power of the resistors, in watts; `unchecked` (nodes,): whether all currents at a node are so small
+    that some of them may have been set to zero; `entry_error`: bound on the relative error of every entry of `volts`
+    and `heights`, infinite if no bound is known; `error_bound`: bound on the error of a voltage relative to the largest
+    one, and of a current relative to the current through either end; `floor`: fraction of the largest voltage or
+    current below which values may have been set to zero.
     """
 
     volts: NDArray[np.float64]
@@ -165,11 +165,12 @@ class _State:
         return 0.5 * (most + math.log2(max(len(self.resistors), 1)))
 
     def proved(self, power: float) -> bool:
-        """Return whether voltage errors of this power prove `_DIGITS` binary digits of all values above the floor.
+        """Return whether the last correction proves `_DIGITS` correct binary digits of all values above the floor.
 
-        `power`: binary logarithm of the square root of the power, as returned by `correct`.  With this square root
-        ``s``, the current through a conductance ``g`` has an error of at most ``sqrt(g) s``.  A node with a resistance
-        ``R`` to ground has a voltage error of at most ``sqrt(R) s``.  Values below the floor are set to zero.
+        `power`: binary logarithm of the square root ``s`` of the power that the correction dissipates, as returned by
+        `correct`.  The current through a conductance ``g`` has an error of at most ``sqrt(g) s``.  A node with a
+        resistance ``R`` to ground has a voltage error of at most ``sqrt(R) s``.  Values below the floor are set to
+        zero.
         """
         logs = [each.log for each in self.resistors if each.rows[0] != each.rows[1]]
         if not logs:

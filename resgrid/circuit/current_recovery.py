@@ -1,10 +1,10 @@
 """Recover branch currents by iterative correction where voltage differences cancel.
 
-Examples are large conductances to a rail, dead ends, balanced bridges and opposed sources.  The true currents there are
-1e-16 or less of the rounding error of the voltages times the conductance.  Circuits whose factors have at most 10,000
-entries are solved in integers (`resgrid.circuit.cancellation`).  In larger ones the voltages are sums of corrections,
-each computed from the KCL residual of the sum before it.  The voltage difference across every resistor is accumulated
-separately in double-double, so that its relative error is small even where both voltages agree.
+Examples are large conductances to a rail, dead ends, balanced bridges and opposed sources.  The true currents there may
+be many orders of magnitude below the conductance times the rounding error of a voltage.  Circuits whose factors have at
+most 10,000 entries are solved in integers (`resgrid.circuit.cancellation`).  In larger ones the voltages are sums of
+corrections, each computed from the KCL residual of the sum before it.  The voltage difference across every resistor is
+accumulated separately in double-double, so that its relative error is small even where both voltages agree.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ A larger change means that the corrections have not converged.
 """
 
 _UNDERFLOW, _UNRESOLVED, _UNCHECKED_KCL = 1e-280, 1e-30, 1e-28
-"""Fractions of the largest current.
+"""Limits on currents, as fractions of the largest current in the circuit.
 
 Currents below `_UNDERFLOW` are set to zero, because products would underflow. Currents below `_UNRESOLVED` are set to
 zero if cancellation has removed all their digits.  KCL is not checked at nodes with a current that was set to zero and
@@ -49,13 +49,16 @@ a sum of currents below `_UNCHECKED_KCL`.
 """
 
 _UNBOUNDED = 1e-20
-"""Current below which the bound on relative errors is not taken relative to the current but to this value.
+"""Smallest divisor of a relative error, as a fraction of the largest current in the circuit.
 
-It is a fraction of the largest current.
+The bound on the error of a current is divided by the current through the end nodes, or by this value if it is larger.
 """
 
 _DIGITS = 48
-"""Number of binary digits of a correction, counted from the largest entry; smaller digits are rounding errors."""
+"""Number of binary digits to which a correction is rounded, counted from the largest entry of the correction.
+
+Smaller digits are rounding errors.
+"""
 
 _SUM_ROUNDING = 2.0**-98
 """Rounding error of a sum of currents in double-double, as a fraction of the sum of the magnitudes."""
@@ -70,12 +73,12 @@ Doubled = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
 def recover_currents(system: Equations) -> tuple[RecoveredCurrents | None, DirectFactor | None]:
-    """Return currents that obey KCL at every row, and the factors of the matrix, which are None without rows.
+    """Return currents that obey KCL at every row (unknown voltage), and the factors of the matrix.
 
-    A row is an unknown voltage with its equation. The currents are None if the factors exceed the memory.  Circuits
-    whose factors have at most 10,000 entries are solved in integers. Larger circuits, and all grids of cells with two
-    rails or currents of one sign, are corrected in double-double; they are solved in integers if these corrections do
-    not converge.
+    Both results are None if the factors exceed the memory; the factors are also None without rows.  Circuits whose
+    factors have at most 10,000 entries are solved in integers.  Larger circuits, and all grids of cells with two rails,
+    or with one rail and currents of one sign, are corrected in double-double; they are solved in integers if these
+    corrections do not converge.
     """
     if not system.size:
         return solve_in_integers(system, []), None
@@ -189,10 +192,11 @@ def _refined(system: Equations, factors: SupernodalFactors) -> _Differences:
 
 
 def _currentless(system: Equations, rows: NDArray[np.int32]) -> NDArray[np.bool_]:
-    """Return which resistors are dead ends (resistors,): a single row connects them to all sources.
+    """Return which resistors lie in dead ends, a mask (resistors,): a single row connects them to all sources.
 
-    `rows` (resistors, 2): rows of both ends, -1 for a known voltage.  Dead ends carry no current for any conductances.
-    For a grid of cells with a potential the result is False everywhere.
+    `rows` (resistors, 2): rows of both ends, -1 for a known voltage.  Known voltages count as sources.  Dead ends carry
+    no current for any conductances.  The result is False everywhere for a grid of cells with two rails, or with one
+    rail and currents of one sign.
     """
     currentless = np.zeros(len(rows), dtype=np.bool_)
     if _is_field(system):

@@ -4,10 +4,11 @@ Nodes joined by voltage sources share a row, as in an operating point.  For ``s 
 matrix, in which a capacitor is a resistor of conductance ``s`` times its capacitance (the companion model of
 Nagel 1975, section 4.3).  The solvers for operating points therefore solve implicit time steps, too.
 
-At time 0+ capacitors keep their charge.  Write ``x = E_c y + N z`` with ``C N = 0``.  The charges ``q`` determine ``y``
-by ``C_cc y = q``.  Kirchhoff's current law for the components that no capacitor connects to a known voltage determines
-``z`` by ``N^T G N z = N^T (b - G E_c y)``.  Both matrices are nodal and are assembled as such, so that a weak tie of a
-component with strong conductances is not lost to rounding.
+At time 0+ capacitors keep their charge.  Write ``x = E_c y + N z``: the columns of ``N`` are a basis of the null space
+of ``C``, and those of ``E_c`` are unit vectors of rows whose block ``C_cc`` of ``C`` is regular.  The charges ``q``
+determine ``y`` by ``C_cc y = q``.  Kirchhoff's current law for the components that no capacitor connects to a known
+voltage determines ``z`` by ``N^T G N z = N^T (b - G E_c y)``.  Both matrices are nodal and are assembled as such, so
+that a weak tie of a component with strong conductances is not lost to rounding.
 
 The energy that the sources deliver until time ``t`` is ``t W^T G_n W + W^T C_n (V(t) - V(0))``, with the matrices
 ``G_n`` and ``C_n`` of all nodes.  By Tellegen's theorem the source currents may be weighted by any voltages ``W`` that
@@ -58,12 +59,12 @@ _SLOPE_RTOL = 1e-3
 class Dynamics:
     """Equations ``C x' + G x = b`` of a netlist; the node voltages are ``fixed + x[row]``.
 
-    A row is an unknown voltage with its equation; nodes joined by floating sources share a row.  `netlist`: the
-    circuit; `row` (nodes,): row of every node, -1 for rails and floating nodes; `fixed` (nodes,): voltage of a rail, or
-    offset of another node from its row, in volts; NaN for a floating node; `conductance`: ``G``, in siemens;
-    `capacitance`: ``C``, in farads; rows without capacitance are algebraic; `drive` (n,): ``b``, the current from
-    sources into every row, in amperes; `forest`: spanning forest of the voltage sources; `branches`: incidence matrix
-    (m, n) and conductances (m,) of ``G``.
+    A row is an unknown voltage with its equation; nodes joined by floating sources (sources that no chain of sources
+    connects to ground) share a row.  `netlist`: the circuit; `row` (nodes,): row of every node, -1 for rails and
+    floating nodes; `fixed` (nodes,): voltage of a rail, or offset of another node from its row, in volts; NaN for a
+    floating node; `conductance`: ``G``, in siemens; `capacitance`: ``C``, in farads; rows without capacitance are
+    algebraic; `drive` (n,): ``b``, the current from sources into every row, in amperes; `forest`: spanning forest of
+    the voltage sources; `branches`: incidence matrix (m, n) and conductances (m,) of ``G``.
     """
 
     netlist: Netlist
@@ -276,8 +277,9 @@ def slope(dynamics: Dynamics, current: NDArray[np.float64]) -> NDArray[np.float6
 
 
 def _offset_rounding(dynamics: Dynamics, factors: Factor) -> NDArray[np.float64]:
-    """Return the rounding errors, (n,) in amperes, of the right-hand side that offsets of floating sources cause.
+    """Return the rounding errors, (n,) in amperes, of a right-hand side, caused by the voltages of floating sources.
 
+    A floating source (without a chain of sources to ground) gives its node a voltage offset from the row of the node.
     `dynamics`: equations with the offsets; `factors`: factors of the matrix of the right-hand side, of size n.
     """
     return np.asarray(_EPS * dynamics.forest.largest_offset * factors.laplacian.diagonal)

@@ -27,7 +27,10 @@ from resgrid.core.netlist import Netlist
 from resgrid.errors import InputError
 
 Joined = Literal["pair", "all"]
-"""Regions whose nodes an ideal wire joins during a measurement: those of the measured pair, or of all terminals."""
+"""Regions whose nodes an ideal wire joins while a pair is measured.
+
+``"pair"``: the two regions of the pair; ``"all"``: the regions of all terminals.
+"""
 
 
 @frozen

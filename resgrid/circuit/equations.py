@@ -18,7 +18,10 @@ _MANY = 20_000
 """Largest number of current sources at ground whose currents are summed exactly; longer sums are rounded."""
 
 ALWAYS_RECOVERED = 500
-"""Number of nodes up to which currents of circuits without cells are always recovered; recovery takes milliseconds."""
+"""Number of nodes up to which currents of circuits without cells are always computed again by `current_recovery`.
+
+For so few nodes this takes milliseconds.
+"""
 
 
 def sum_by_row(row: NDArray[np.int32], values: NDArray[np.float64], size: int) -> NDArray[np.float64]:
@@ -41,10 +44,10 @@ def across(voltage: NDArray[np.float64], ends: NDArray[np.int32]) -> NDArray[np.
 class RailContacts(NamedTuple):
     """Connections of rows (unknown voltages) to known voltages, and between rows whose nodes have voltage offsets.
 
-    Floating sources give a node a voltage offset from its row. `element`, `row` (c,): resistor and row of every
-    contact; `volts` (c,): voltage at the other end of the resistor above the lowest known voltage (for contacts between
-    rows: offset of the other end minus that of this end); `ties`: number of contacts with nodes of known voltage, which
-    come first; the others lead to other rows.
+    Floating sources (without a chain of sources to ground) give a node a voltage offset from its row. `element`, `row`
+    (c,): resistor and row of every contact; `volts` (c,): voltage at the other end of the resistor above the lowest
+    known voltage (for contacts between rows: offset of the other end minus that of this end); `ties`: number of
+    contacts with nodes of known voltage, which come first; the others lead to other rows.
     """
 
     element: NDArray[np.int32]
@@ -57,7 +60,8 @@ class RailContacts(NamedTuple):
 class Equations:
     """Reduced nodal equations of a netlist, ``laplacian @ x = drive``, for voltages ``x`` in volts above `reference`.
 
-    A row is an unknown voltage with its equation: Kirchhoff's current law at one node, or at nodes that sources join.
+    A row is an unknown voltage with its equation: Kirchhoff's current law at one node, or at nodes that floating
+    sources (sources without a chain of sources to ground) join.
 
     `netlist`: the circuit; `forest`: spanning forest of the voltage sources; `unknown` (nodes,): row of every node with
     an unknown voltage, -1 for others; nodes joined by floating sources share a row; `laplacian` (n, n): conductances
@@ -311,10 +315,10 @@ def _range(values: NDArray[np.float64], group: NDArray[np.int32], count: int) ->
 def contacts_of(
     ends: NDArray[np.int32], candidates: NDArray[np.int32], unknown: NDArray[np.int32], forest: SourceForest
 ) -> RailContacts:
-    """Return the contacts among candidate elements: the connections of rows to known voltages or to shifted rows.
+    """Return the contacts among candidate elements: connections of rows to known voltages or to rows of other offset.
 
     `ends` (m, 2): nodes of all elements; `candidates` (k,): indices of the candidates; `unknown` (nodes,): row of every
-    node, -1 without a row; `forest`: spanning forest of the voltage sources.
+    node, -1 without a row; `forest`: spanning forest of the voltage sources, with the voltage offset of every node.
     """
     first, second = np.take(ends, candidates, axis=0).T
     i, j = np.take(unknown, first), np.take(unknown, second)

@@ -17,11 +17,16 @@ from resgrid.solvers.refinement import corrected
 from resgrid.solvers.scaled import BITS, Numbers, Scaled
 
 _LOG_UNIT = BITS * float(np.log(2.0))
-"""Natural logarithm of the unit of separate exponents."""
+"""Natural logarithm of ``2**256``, the factor that a separate exponent of 1 stands for."""
 
 
 def place_weights(netlist: Netlist, at: Any, weights: ArrayLike | None, cells: bool) -> NDArray[np.float64]:
-    """Return the weight of every node (nodes,); the arguments are those of `gradient`."""
+    """Return the weight of every node, (nodes,): the sum of the weights of the places at this node, 0 without a place.
+
+    `at`: one place, a list of places, or a mask; a place is a node number, a node name, or with `cells` a cell of the
+    compiled space (a tuple of indices); `weights` (places,): weight of every place, None for 1; `cells`: whether places
+    are cells.
+    """
     if at is None:
         raise InputError("at is missing: give a node, such as at=5, or a cell, such as at=(3, 4), cells=True")
     read, seed = TerminalReader(netlist, cells), np.zeros(netlist.node_count)
@@ -47,9 +52,10 @@ def place_weights(netlist: Netlist, at: Any, weights: ArrayLike | None, cells: b
 
 
 def checked_seeds(op: OperatingPoint, name: str, seed: ArrayLike | None) -> NDArray[np.float64]:
-    """Return a new array of the seeds (nodes,), zeros for None; raise InputError for a wrong shape or a floating node.
+    """Return a new array (nodes,) of the weights of the node voltages or log drops in a sum; zeros for None.
 
-    `name`: name of the argument in messages.
+    `seed` (nodes,): the weights; `name`: name of the argument in messages.  Raise InputError for a wrong shape, and for
+    a weight other than 0 at a floating node.
     """
     count = op.netlist.node_count
     if seed is None:
@@ -67,9 +73,10 @@ def checked_seeds(op: OperatingPoint, name: str, seed: ArrayLike | None) -> NDAr
 
 
 def log_drops(op: OperatingPoint, weights: NDArray[np.float64], beyond: float = np.nan) -> NDArray[np.float64]:
-    """Return the log drops of the nodes with a weight other than 0; raise InputError if one is not finite.
+    """Return the log drops of the k nodes with a weight other than 0, in the order of the nodes, (k,).
 
-    `beyond`: a value that is accepted besides finite ones.
+    `weights` (nodes,): weights; `beyond`: an accepted value that is not finite, NaN for none.  Raise InputError if
+    another log drop is not finite, or if the circuit has no log drops.
     """
     if op.log_drop is None:
         raise InputError(
@@ -88,7 +95,7 @@ def log_drops(op: OperatingPoint, weights: NDArray[np.float64], beyond: float = 
 
 
 def rail_voltages(op: OperatingPoint) -> tuple[float, float]:
-    """Return the voltages of the high and the low rail, in volts; the operating point has a log_drop."""
+    """Return the voltages of the high and the low rail, in volts, of an operating point with log drops."""
     assert op.log_drop is not None
     high = op.voltage[np.isneginf(op.log_drop)]
     low = op.voltage[op.log_drop == 0.0]
@@ -96,9 +103,11 @@ def rail_voltages(op: OperatingPoint) -> tuple[float, float]:
 
 
 def with_log_seeds(op: OperatingPoint, seeds: Numbers, weights: NDArray[np.float64]) -> Numbers:
-    """Return the seeds plus those of log drops: ``d log u / dV = -1 / (u (V_high - V_low))``.
+    """Return the derivatives of a sum of voltages and log drops with respect to the node voltages, in 1/V, (nodes,).
 
-    `seeds` (nodes,): seeds of voltages, as mantissas and exponents; `weights` (nodes,): weights of log drops.
+    The derivative of a log drop is ``d log u / dV = -1 / (u (V_high - V_low))``.  `seeds` (nodes,): weights of the
+    voltages; `weights` (nodes,): weights of the log drops.  Result and `seeds` are mantissas and exponents of
+    ``2**256``.
     """
     high, low = rail_voltages(op)
     total = corrected(Scaled(seeds[0], 0.0 * weights, seeds[1]), *times_drops(op, -weights / (high - low), -1))
@@ -106,9 +115,10 @@ def with_log_seeds(op: OperatingPoint, seeds: Numbers, weights: NDArray[np.float
 
 
 def times_drops(op: OperatingPoint, values: NDArray[np.float64], degree: int) -> Numbers:
-    """Return ``values * u**degree`` with the drops ``u`` of the nodes, (nodes,), as mantissas and exponents.
+    """Return ``values * u**degree`` with the drops ``u`` of the nodes, (nodes,), as numbers with separate exponents.
 
-    The result is 0 where a value is 0 or the log drop is not finite.
+    The result is a pair of mantissas and exponents of ``2**256``.  `values` (nodes,): factors; `degree`: 1 or -1.  The
+    result is 0 where a value is 0 or the log drop is not finite.
     """
     assert op.log_drop is not None
     mantissa, exponent = np.zeros(len(values)), np.zeros(len(values), dtype=np.int64)
@@ -120,9 +130,10 @@ def times_drops(op: OperatingPoint, values: NDArray[np.float64], degree: int) ->
 
 
 def above_obstacles(op: OperatingPoint) -> Numbers:
-    """Return the voltages of the nodes above the obstacle rail of a compiled space, in volts, (nodes,), 0 if floating.
+    """Return the voltages of the nodes above the obstacle rail of the compiled space, in volts, (nodes,).
 
-    Without cells, the voltages above ground.
+    The result is a pair of mantissas and exponents of ``2**256``, 0 for floating nodes.  For a netlist that was not
+    compiled from a space, the voltages are those above ground.
     """
     cells = op.netlist.cell_map
     height = np.nan_to_num(op.voltage if cells is None else op.voltage - cells.wiring.high)

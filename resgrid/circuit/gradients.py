@@ -182,7 +182,11 @@ def pullback(
 
 
 def _of_collision(op: OperatingPoint, seed: NDArray[np.float64], method: str) -> Gradient:
-    """Return the gradient of a sum of collision probabilities; `seed` (nodes,): weights; `method`: linear solver."""
+    """Return the gradient of a weighted sum of collision probabilities.
+
+    `op`: operating point; `seed` (nodes,): weight of the collision probability of every node; `method`: method of the
+    linear system.
+    """
     drops = log_drops(op, seed, beyond=-np.inf)
     high, low = rail_voltages(op)
     found = pullback(op, voltage=seed / (high - low), method=method)

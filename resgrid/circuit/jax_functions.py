@@ -25,7 +25,10 @@ Output = Literal["voltage", "log_drop"]
 Input = Literal["conductance", "conductivity", "voltage", "current"]
 
 _FIELDS = {"conductance": "conductance", "voltage": "source_volts", "current": "current_amps"}
-"""Fields of a netlist, by the name of the input."""
+"""Name of the field of a netlist that contains an input, by the name of the input.
+
+Conductivities have no such field.
+"""
 
 
 def jax_solver(
@@ -38,8 +41,8 @@ def jax_solver(
     """Return a function of jax that solves a circuit, differentiable by `jax.grad` and `jax.vjp`.
 
     The function runs outside of jax, on the host, by `resgrid.solve` and `resgrid.circuit.pullback`
-    (``jax.pure_callback`` and ``jax.custom_vjp``).  It works within ``jax.jit``, and one after another within
-    ``jax.vmap``.  Forward-mode derivatives (``jax.jvp``) and second derivatives do not exist.
+    (``jax.pure_callback`` and ``jax.custom_vjp``).  It works within ``jax.jit``, and within ``jax.vmap``, which solves
+    the circuits one after another.  Forward-mode derivatives (``jax.jvp``) and second derivatives do not exist.
 
     Parameters
     ----------
@@ -121,8 +124,8 @@ def jax_solver(
 class _Host:
     """The functions that run outside of jax.
 
-    `netlist`: the circuit; `output`: ``"voltage"`` or ``"log_drop"``; `inputs`: names of the changed values; `method`:
-    method of the linear systems.
+    `netlist`: the circuit; `output`: ``"voltage"`` or ``"log_drop"``; `inputs`: names of the arguments,
+    ``"conductance"``, ``"conductivity"``, ``"voltage"`` or ``"current"``; `method`: method of the linear systems.
     """
 
     netlist: Netlist
@@ -131,7 +134,7 @@ class _Host:
     method: str
 
     def defaults(self) -> list[NDArray[np.float64]]:
-        """Return the values of the netlist for every input."""
+        """Return the values of the netlist for every input, as a list of arrays in the order of the inputs."""
         return [
             _conductivity(self.netlist.cells.space) if name == "conductivity" else getattr(self.netlist, _FIELDS[name])
             for name in self.inputs
@@ -148,7 +151,7 @@ class _Host:
             )
 
     def solve(self, *values: Any) -> NDArray[np.float64]:
-        """Return the output (nodes,) for the values of the inputs."""
+        """Return the node voltages in volts, or the log drops, (nodes,); `values`: an array per input."""
         found = getattr(self._point(*values), self.output)
         if found is None:
             raise InputError(
@@ -157,7 +160,10 @@ class _Host:
         return np.array(found)
 
     def pull_back(self, seed: Any, *values: Any) -> tuple[NDArray[np.float64], ...]:
-        """Return the derivatives with respect to the inputs; `seed` (nodes,): weights of the output."""
+        """Return the derivatives of the weighted sum of the outputs with respect to the inputs, an array per input.
+
+        `seed` (nodes,): weights of the outputs; `values`: an array per input.
+        """
         seeds = {self.output: np.asarray(seed)}
         found = pullback(self._point(*values), method=self.method, **seeds)
         return tuple(np.array(getattr(found, name)) for name in self.inputs)
@@ -168,7 +174,10 @@ class _Host:
 
     @cached_property
     def _solved(self) -> Callable[..., OperatingPoint]:
-        """Function from the values of the inputs, as bytes of float64 arrays, to the operating point; keeps a few."""
+        """Function from the values of the inputs, as bytes of float64 arrays, to the operating point.
+
+        The results for the last four sets of values are stored.
+        """
 
         @lru_cache(maxsize=4)
         def solved(*values: bytes) -> OperatingPoint:
@@ -180,7 +189,7 @@ class _Host:
         return solved
 
     def changed(self, values: Sequence[NDArray[np.float64]]) -> Netlist:
-        """Return the netlist with the values of the inputs."""
+        """Return the netlist with other values of the inputs; `values`: an array per input."""
         changes: dict[str, Any] = {}
         for name, value in zip(self.inputs, values, strict=True):
             if name == "conductivity":
@@ -192,7 +201,10 @@ class _Host:
         return self.netlist.replace(**changes)
 
     def _compiled(self, conductivity: NDArray[np.float64]) -> Netlist:
-        """Return the compiled space with other conductivities, (shape of the space)."""
+        """Return the compiled netlist of the space with other conductivities.
+
+        `conductivity` (shape of the space): conductivities of the cells, in units of the nominal one.
+        """
         cells = self.netlist.cells
         return compile_space(ConfigurationSpace(cells.space.axes, cells.space.cell, conductivity), cells.wiring)
 
@@ -203,7 +215,10 @@ def _conductivity(space: ConfigurationSpace) -> NDArray[np.float64]:
 
 
 def _checked_inputs(inputs: Sequence[str]) -> tuple[str, ...]:
-    """Return the names of the inputs; raise InputError for none, for duplicates and for two kinds of conductances."""
+    """Return the names of the inputs as a tuple.
+
+    Raise InputError without a name, for repeated names, and for conductances and conductivities at the same time.
+    """
     names = tuple(inputs)
     if not names or len(set(names)) < len(names) or {"conductance", "conductivity"} <= set(names):
         raise InputError(

@@ -213,11 +213,12 @@ def _reached(netlist: Netlist, group: Nodes, terminal: NDArray[np.int32]) -> NDA
 
 
 def _currents_of(shared: tuple[Factor, Contacts], numbers: range) -> list[tuple[NDArray[np.float64], float, float]]:
-    """Return, for each of some terminals, the currents into the other terminals when it is at 1 V and they are at 0 V.
+    """Return the currents into all terminals while one terminal is at 1 V and the others at 0 V.
 
-    `shared`: factors of the matrix of the inner nodes, and contacts; `numbers`: numbers of the terminals. Each result
-    consists of the currents through inner nodes in amperes, (k,), the bound on the relative error of the inner
-    voltages, and the componentwise backward error of these voltages.
+    `shared`: factors of the matrix of the inner nodes, and contacts; `numbers`: numbers of the terminals that are at 1
+    V one after another. The result for each number consists of the currents through inner nodes in amperes, (k,), the
+    bound on the relative error of the inner voltages, and the componentwise backward error of these voltages; for a
+    terminal without contacts all are 0.
     """
     factor, contacts = shared
     results = []

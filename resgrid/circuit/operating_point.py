@@ -92,7 +92,7 @@ class OperatingPoint:
     resistor_current : ndarray of float64, shape (resistors,)
         Current from the first node of a resistor to the second, in amperes; 0 if it underflows.
     resistor_log_current : ndarray of float64, shape (resistors,)
-        Natural logarithm of the magnitude of every resistor's current; -inf for 0 A.
+        Natural logarithm of the magnitude of every resistor's current in amperes; -inf for 0 A.
     resistor_direction : ndarray of int8, shape (resistors,)
         Sign of every resistor's current: 1 from the first node to the second, -1 back, or 0.
     source_current : ndarray of float64, shape (sources,)

@@ -1,11 +1,12 @@
 """Gradients of the expected costs of random walks.
 
-A walk that jumps along resistors pays the cost ``k`` of a cell per unit of time ``R C``.  Its expected cost ``v`` until
-it ends on a rail solves ``G v = k / R`` (the cost-to-go of a Markov chain, Kemeny & Snell 1960, chapter 3).  The
-expected cost of the walks that end on the low rail is ``s / u`` with ``G s = k u / R`` and their probability ``u``.
-With ``x = G^-1 w`` for weights ``w`` of the places, ``w . v`` has the derivative ``-(x_a - x_b) (v_a - v_b)`` with
-respect to a conductance.  ``w . (s / u)`` has the derivative ``-(x_a - x_b) (s_a - s_b) - (y_a - y_b) (u_a - u_b)``
-with ``x = G^-1 (w / u)`` and ``y = G^-1 (k x / R - w s / u**2)``.
+A walk that jumps along resistors pays the cost ``k`` of a cell per unit of time ``R C``, with the resistance ``R``
+between neighbouring cells and the capacitance ``C`` of every node.  Its expected cost ``v`` until it ends on a rail
+solves ``G v = k / R`` (the cost-to-go of a Markov chain, Kemeny & Snell 1960, chapter 3).  The expected cost of the
+walks that end on the low rail is ``s / u`` with ``G s = k u / R`` and their probability ``u``.  With ``x = G^-1 w`` for
+weights ``w`` of the places, ``w . v`` has the derivative ``-(x_a - x_b) (v_a - v_b)`` with respect to a conductance.
+``w . (s / u)`` has the derivative ``-(x_a - x_b) (s_a - s_b) - (y_a - y_b) (u_a - u_b)`` with ``x = G^-1 (w / u)`` and
+``y = G^-1 (k x / R - w s / u**2)``.
 """
 
 from __future__ import annotations
@@ -26,10 +27,10 @@ from resgrid.solvers.scaled import Scaled, canonical, logarithm
 
 
 class _Costs(NamedTuple):
-    """Costs of the free nodes.
+    """Costs of the free nodes: a random walk pays the cost of the node where it is, per unit of time ``R C``.
 
     `node` (k,): free nodes that do not float; `cell` (k,): flat index of the cell of every node; `amps` (nodes,): cost
-    of the node divided by ``R``.
+    of the node divided by ``R`` in ohms, 0 for other nodes.
     """
 
     node: NDArray[np.int64]
@@ -38,9 +39,10 @@ class _Costs(NamedTuple):
 
 
 def path_cost_gradient(op: OperatingPoint, seed: NDArray[np.float64], cost: ArrayLike | None, method: str) -> Gradient:
-    """Return the gradient of a sum of expected costs until a walk ends on a rail.
+    """Return the gradient of a weighted sum of the expected costs of random walks until they end on a rail.
 
-    `seed` (nodes,): weights of the places; `cost`: costs of the cells, None for 1; `method`: linear solver.
+    `op`: operating point; `seed` (nodes,): weights of the start nodes; `cost` (shape of the space): costs of the cells
+    per unit of time ``R C``, None for 1; `method`: method of the linear systems.
     """
     costs, weights = _costs_of(op, cost), checked_seeds(op, "path_cost", seed)
     circuit = source_free_circuit(op, costs.node, method)
@@ -54,9 +56,10 @@ def path_cost_gradient(op: OperatingPoint, seed: NDArray[np.float64], cost: Arra
 def successful_path_cost_gradient(
     op: OperatingPoint, seed: NDArray[np.float64], cost: ArrayLike | None, method: str
 ) -> Gradient:
-    """Return the gradient of a sum of expected costs of the walks that end on the low rail.
+    """Return the gradient of a weighted sum of the expected costs of the random walks that end on the low rail.
 
-    `seed` (nodes,): weights of the places; `cost`: costs of the cells, None for 1; `method`: linear solver.
+    `op`: operating point; `seed` (nodes,): weights of the start nodes; `cost` (shape of the space): costs of the cells
+    per unit of time ``R C``, None for 1; `method`: method of the linear systems.
     """
     costs, drops, (high, low) = _costs_of(op, cost), log_drops(op, seed), rail_voltages(op)
     circuit, chosen = source_free_circuit(op, costs.node, method), np.flatnonzero(seed)
@@ -84,7 +87,8 @@ def successful_path_cost_gradient(
 def _costs_of(op: OperatingPoint, cost: ArrayLike | None) -> _Costs:
     """Return the costs of the free nodes; raise InputError for wrong costs, and for circuits without a random walk.
 
-    `cost` (shape of the space): cost of every cell, None for 1.
+    `cost` (shape of the space): cost of every cell per unit of time ``R C``, None for 1.  A circuit with nonlinear
+    resistors, or driven at the start cell, has no random walk.
     """
     netlist, cells = op.netlist, op.netlist.cells
     if netlist.nonlinear_nodes.size:
@@ -105,9 +109,10 @@ def _costs_of(op: OperatingPoint, cost: ArrayLike | None) -> _Costs:
 
 
 def _of_walks(found: Gradient, costs: _Costs, times: NDArray[np.float64]) -> Gradient:
-    """Return the gradient of path costs with the derivatives with respect to costs, and none to sources.
+    """Return a gradient with the derivatives with respect to costs, and with zeros for the derivatives to sources.
 
-    `times` (nodes,): expected times at the nodes, times ``R``.
+    `found`: gradient without these; `costs`: costs of the free nodes; `times` (nodes,): derivative of the expected cost
+    with respect to `costs.amps`, in ohms: ``R`` times the expected time of the walk at the node, in units of ``R C``.
     """
     space, resistance = found.op.netlist.cells.space, found.op.netlist.cells.wiring.resistance
     by_cell = np.zeros(space.cell.size)

@@ -39,7 +39,7 @@ HARMLESS = 1e-7
 """Fraction of a node's through-current, below which currents that do not flow down the potential are set to zero."""
 
 _LEAST_COMPLEMENT = 1e-3
-"""Smallest voltage above the low rail, divided by the rail voltage, that is computed as one minus the drop."""
+"""Smallest voltage above the low rail, over the voltage between the rails, that is computed as one minus the drop."""
 
 _IMPRECISE, _IMPRECISE_IN_SMALL = 1e-20, 1e-10
 """Relative difference of two values below which their current is imprecise; the second for at most 20,000 nodes."""
@@ -75,7 +75,7 @@ class NodeValues:
 
 
 def node_values(system: Equations, factors: Factor | None, watch: ProgressMonitor, team: ThreadTeam) -> NodeValues:
-    """Return the values of all nodes, with their unit in volts; `factors`: factors of the matrix, None without rows."""
+    """Return the voltage of every node from the nearer rail; `factors`: factors of the matrix, None without rows."""
     if system.rails is not None:
         return _between(system, system.rails, *_drop_and_height(system.rails, factors, watch, team))
     drive = system.drive
@@ -167,7 +167,7 @@ def _between(system: Equations, rails: Rails, drop: Scaled, height: Scaled | Non
 
 
 def _above(system: Equations, rows: Scaled, volts: float) -> NodeValues:
-    """Return values in units of `volts` volts above the lowest known voltage; `rows` (n,): such values of the rows."""
+    """Return node values in units of `volts` V above the lowest known voltage; `rows` (n,): values of the rows."""
     forest = system.forest
     out = rows_to_nodes(system, rows, (system.known_voltages() - system.reference) / volts)
     lifted = (forest.height != 0) & (system.unknown[forest.order] >= 0)
@@ -248,8 +248,9 @@ def _branch_currents(
     """Return branch currents, relative KCL residuals (nodes,), and whether large currents have few correct digits.
 
     `unknown` (nodes,): row of a node, -1 where KCL is not checked; `falling` (nodes,): values that fall along currents;
-    negligible currents against them are rounding errors and are set to 0; `recovered`, `tiny`: see `read_entrywise`.
-    Nodes joined by floating sources count as one node.  Between mirror-symmetric cells, currents are rounding errors.
+    negligible currents against them, as between mirror-symmetric cells, are rounding errors and are set to 0;
+    `recovered`: recovered currents, or None; `tiny`: currents that replace recovered currents of 0, or None.  Nodes
+    joined by floating sources count as one node.
     """
     from resgrid.circuit.kernels import drop_unresolved
 
@@ -319,7 +320,7 @@ def differences(
 def with_tiny_currents(
     amps: NDArray[np.float64], floor: float, tiny: NDArray[np.float64], exponent: NDArray[np.int64]
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return amperes and exponents (resistors,): zero `amps` below the floor become ``tiny * 2**(256 exponent)``."""
+    """Return currents as mantissas and exponents (resistors,): `amps`, but `tiny` where `amps` was set to 0."""
     lost = (amps == 0.0) & (np.abs(tiny * power(exponent)) <= _floor_of(amps, floor))
     return np.where(lost, tiny, amps), np.where(lost, exponent, 0)
 

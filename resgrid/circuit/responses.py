@@ -46,9 +46,9 @@ _NO_EXPONENT = -(2**62)
 class Response:
     """Voltages and currents that injected currents cause in a circuit without independent sources.
 
-    `voltage` (nodes,): voltages in volts, 0 where the node floats; `resistor` (resistors,): currents of the resistors,
-    in amperes, as mantissas and exponents; `source` (sources,): currents into the plus terminals of the voltage
-    sources, in amperes, as mantissas and exponents; NaN in loops of sources.
+    `voltage` (nodes,): voltages in volts, 0 where the node floats; `resistor` (resistors,): currents of the resistors
+    in amperes; `source` (sources,): currents into the plus terminals of the voltage sources in amperes, NaN in loops of
+    sources; currents are mantissas and exponents of ``2**256``.
     """
 
     voltage: Scaled
@@ -93,9 +93,11 @@ class SourceFreeCircuit:
         return cls(quiet, forest, system, factor_laplacian(system.laplacian, method))
 
     def respond(self, amps: Numbers) -> Response:
-        """Return the response to currents `amps` (nodes,) into the nodes, in amperes, as mantissas and exponents.
+        """Return the voltages and currents that injected currents cause.
 
-        Raise AccuracyError if the conductances span more orders of magnitude than the factors can represent.
+        `amps` (nodes,): currents into the nodes in amperes, as mantissas and exponents of ``2**256``; they return
+        through ground.  Raise AccuracyError if the conductances span more orders of magnitude than the factors can
+        represent, or if the responses to positive and negative currents nearly cancel.
         """
         if self.system is None or self.factors is None:
             zeros, count = Scaled.of(np.zeros(self.netlist.node_count)), len(self.netlist.conductance)
@@ -120,9 +122,10 @@ class SourceFreeCircuit:
         return Response(voltage, (current, exponent), self._source_currents((current, exponent), amps))
 
     def _solved(self, factors: Factor, system: Equations, amps: Numbers) -> tuple[Scaled, float]:
-        """Return the voltages (n,) of the rows, and a bound on their error relative to the largest one.
+        """Return the voltages (n,) of the rows in volts, and a bound on their error relative to the largest one.
 
-        `factors`, `system`: factors and equations; `amps` (nodes,): currents as mantissas and exponents.
+        `factors`, `system`: factors and equations; `amps` (nodes,): currents into the nodes in amperes, as mantissas
+        and exponents of ``2**256``.
         """
         parts, bound = [], 0.0
         for sign in (1.0, -1.0):
@@ -158,10 +161,10 @@ class SourceFreeCircuit:
         return conductance_statistics(system.laplacian).is_stiff
 
     def _source_currents(self, resistor: Numbers, amps: Numbers) -> Numbers:
-        """Return the currents into the plus terminals of the voltage sources (sources,), as mantissas and exponents.
+        """Return the currents into the plus terminals of the voltage sources in amperes, (sources,).
 
-        `resistor` (resistors,): currents of the resistors; `amps` (nodes,): currents into the nodes; both as mantissas
-        and exponents.
+        `resistor` (resistors,): currents of the resistors; `amps` (nodes,): currents into the nodes; arguments and
+        result are mantissas and exponents of ``2**256``.
         """
         frame, net, through = node_sums(self.netlist, *resistor)
         total = corrected(Scaled(net, np.zeros_like(net), frame), *_returning(amps))
@@ -184,9 +187,10 @@ class SourceFreeCircuit:
     def _exponents_of_trees(
         self, net: NDArray[np.int64], flows: NDArray[np.bool_], through: NDArray[np.int64], passes: NDArray[np.bool_]
     ) -> NDArray[np.int64]:
-        """Return the largest exponent of the currents in the tree of sources of every node, (nodes,).
+        """Return the largest exponent of ``2**256`` of the currents in the tree of sources of every node, (nodes,).
 
-        `net`, `through` (nodes,): exponents of net and of through-currents; `flows`, `passes`: where these are not 0.
+        `net`, `through` (nodes,): exponents of net and of through-currents; `flows`, `passes` (nodes,): whether the net
+        and the through-current are not 0.  The result is 0 without any current.
         """
         base, unit = np.arange(len(net)), np.full(len(net), _NO_EXPONENT)
         base[self.forest.order] = self.forest.base
@@ -196,7 +200,11 @@ class SourceFreeCircuit:
 
 
 def _returning(amps: Numbers) -> Numbers:
-    """Return the currents into the nodes with the current that returns through ground; `amps` (nodes,): currents."""
+    """Return the currents into the nodes in amperes, (nodes,), with the returning current of ground.
+
+    The entry of ground is the negative sum of the other entries.  `amps` (nodes,): currents into the nodes; argument
+    and result are mantissas and exponents of ``2**256``.
+    """
     mantissa, exponent = amps[0].copy(), amps[1].copy()
     mantissa[GROUND] = 0.0
     unit = int(exponent[mantissa != 0.0].max(initial=_NO_EXPONENT))
@@ -213,9 +221,9 @@ def _driven_by(system: Equations, amps: NDArray[np.float64]) -> Equations:
 
 
 def _sum_by_row(system: Equations, mantissa: NDArray[np.float64], exponent: NDArray[np.int64]) -> Scaled:
-    """Return the sum of the currents into every row, (n,).
+    """Return the sum of the currents into every row in amperes, (n,).
 
-    `mantissa`, `exponent` (nodes,): nonnegative currents into the nodes.
+    `mantissa`, `exponent` (nodes,): nonnegative currents ``mantissa * 2**(256 exponent)`` A into the nodes.
     """
     node = np.flatnonzero((mantissa > 0.0) & (system.unknown >= 0))
     row, frame = system.unknown[node], np.full(system.size, _NO_EXPONENT)

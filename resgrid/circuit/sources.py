@@ -82,7 +82,7 @@ class SourceForest:
 def tie_sources(netlist: Netlist) -> SourceForest:
     """Return the spanning forest of the voltage sources; raise CircuitError if sources of a loop contradict each other.
 
-    Sources between ground and a node without further sources come last.
+    In ``SourceForest.order``, nodes with a single source, from the node to ground, come last.
     """
     nodes = netlist.source_nodes.max(axis=1)
     leaf = (netlist.source_nodes.min(axis=1) == GROUND) & (nodes != GROUND)

@@ -19,7 +19,7 @@ from resgrid.errors import InputError, suggestion
 Nodes = NDArray[np.int64]
 
 _MOST_NAMES = 5000
-"""Number of node names that are searched for a name similar to an unknown one, for the message."""
+"""Maximum number of node names that are compared with an unknown name, to suggest a similar name in the message."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,8 +111,8 @@ def pairs_of(
 ) -> tuple[tuple[Nodes, ...], NDArray[np.int64]]:
     """Return the node numbers of the different terminals, and the pairs (p, 2) as indices into these terminals.
 
-    `read`: converts terminals to nodes; `pairs`, `terminals`: arguments of `effective_resistance`, of which exactly one
-    must be given.
+    `read`: converts terminals to nodes; `pairs`: pairs of terminals; `terminals`: terminals whose pairs are all formed.
+    Exactly one of both must be given, and the other is None.
     """
     if (pairs is None) == (terminals is None):
         raise InputError("give either pairs, such as [(0, 5)], or terminals, such as [0, 5, 7]")

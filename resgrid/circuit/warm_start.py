@@ -244,10 +244,11 @@ class _WarmCircuit:
 
     @classmethod
     def of(cls, system: Equations, space: ConfigurationSpace, wiring: Wiring) -> _WarmCircuit | None:
-        """Return the circuit of a space with a new hierarchy; None if the grid cannot be coloured red and black.
+        """Return the circuit of a space with a new hierarchy, or None if a warm start is impossible.
 
-        None also results if the rows are not cells. `system`: equations of the circuit with rails at 0 V and 1 V;
-        `space`: the space; `wiring`: boundary conditions and drive.
+        It is impossible if the grid cannot be coloured red and black, or if the number of rows is 0 or differs from the
+        number of cells with an unknown voltage. `system`: equations of the circuit with rails at 0 V and 1 V; `space`:
+        the space; `wiring`: boundary conditions and drive.
         """
         row, is_driven = _rows_of(space, wiring), wiring.drive == "uniform"
         if not system.size == np.count_nonzero(row) > 0:

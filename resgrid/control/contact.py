@@ -51,14 +51,14 @@ is smaller before the step.
 class ContactSet:
     """Contacts of the robot at one moment, with their forces.
 
-    `pairs` (m,): touching points, of dtype `PAIR`; `force` (m, 2): force on the robot at each contact, in axis
-    coordinates of the workspace, whose generalised force is ``J^T force`` with the Jacobian ``J`` of the point;
-    `sticking` (m,): whether the force lies inside the friction cone, and the point does not move; `torque` (ndim,):
-    generalised force of all contacts, mechanical stops included; `normal_torque` (ndim,): generalised force of the
-    obstacles' normal forces only; it points away from the obstacles in configuration space, while the force of a
-    sticking contact merely balances the drive along the streamline; `velocity` (ndim,): velocity of the robot with
-    contacts, in axis coordinates, per second; `solved`: False where rounding, such as between axes of very different
-    scales, prevented a solution; velocity and forces are then 0.
+    `pairs` (m,): touching points, as records of points, normal and gap (`resgrid.control.plant.PAIR`); `force` (m, 2):
+    force on the robot at each contact, in axis coordinates of the workspace, whose generalised force is ``J^T force``
+    with the Jacobian ``J`` of the point; `sticking` (m,): whether the force lies inside the friction cone, and the
+    point does not move; `torque` (ndim,): generalised force of all contacts, mechanical stops included; `normal_torque`
+    (ndim,): generalised force of the obstacles' normal forces only; it points away from the obstacles in configuration
+    space, while the force of a sticking contact merely balances the drive along the streamline; `velocity` (ndim,):
+    velocity of the robot with contacts, in axis coordinates, per second; `solved`: False where rounding, such as
+    between axes of very different scales, prevented a solution; velocity and forces are then 0.
     """
 
     pairs: NDArray[Any]
@@ -77,10 +77,12 @@ class ContactSet:
 
 @dataclass(frozen=True, eq=False)
 class Surroundings:
-    """Pairs of near points, with the rates of their gaps for unit velocities of the axes.
+    """Pairs of near points of robot and obstacles, with the rates of their gaps for unit velocities of the axes.
 
-    `pairs` (n,): pairs of dtype `PAIR`; `normal_rows, tangent_rows` (n, ndim): ``n . J`` and ``t . J``, the normal and
-    tangential velocity of the robot's point per unit velocity of each axis, with the Jacobian ``J`` of the point.
+    `pairs` (n,): records of points, normal and gap (`resgrid.control.plant.PAIR`); `normal_rows, tangent_rows` (n,
+    ndim): ``n . J`` and ``t . J``, the velocity of the robot's point along the unit normal ``n`` out of the obstacle
+    and along the tangent ``t`` (``n`` turned left), per unit velocity of each axis, with the Jacobian ``J`` of the
+    point.
     """
 
     pairs: NDArray[Any]
@@ -96,7 +98,7 @@ class Surroundings:
 def surroundings(pose: Pose, pairs: NDArray[Any]) -> Surroundings:
     """Return pairs of near points with the rows of their contact Jacobians, as Surroundings.
 
-    `pose`: pose of the robot; `pairs` (n,): pairs of dtype `PAIR` at this pose.
+    `pose`: pose of the robot; `pairs` (n,): records of near points at this pose (`resgrid.control.plant.PAIR`).
     """
     from resgrid.control import contact_kernels
 
@@ -185,7 +187,8 @@ class Body:
     def look(self) -> Surroundings:
         """Return the pairs of near points at the present configuration as Surroundings.
 
-        The result is empty, without a search, while the last search proves that no obstacle is in reach of a step.
+        Points are near if their gap is at most four times the largest motion of any point of the robot in one step. The
+        result is empty, without a search, while the last search proves that no obstacle is in reach of a step.
         """
         return self._nothing if self._clear > 2.0 * self._reach else self._survey()
 
@@ -252,7 +255,7 @@ class Body:
         return True
 
     def _time_step(self, velocity: Vector, longest: float, around: Surroundings) -> float:
-        """Return the duration of a step in seconds: until an axis has moved by one step, or until a new contact.
+        """Return the duration of a step in seconds: until an axis has moved by one step, or a contact or stop begins.
 
         `velocity` (ndim,): in axis coordinates, per second; `longest`: maximum duration, in seconds; `around`: pairs of
         near points.

@@ -72,9 +72,10 @@ class Controller:
         Response to a force: ``V0 + A F``, or motion along the equipotential (equation 1 of the paper) while the force
         lasts.
     threshold : float
-        Length of the generalised force above which ``"equipotential"`` responds.
+        Length of the generalised force, in the unit of the force, above which ``"equipotential"`` responds.
     masks : tuple of Mask
-        Masks whose speed limits apply at the believed place: percentages of `speed`, or absolute speeds in the plane.
+        Masks whose speed limits apply at the measured configuration: percentages of `speed`, or absolute speeds in the
+        plane.
     axis_admittance : ndarray of float64, shape (n, n)
         The matrix `admittance` in axis coordinates.
 
@@ -217,7 +218,7 @@ class Controller:
 
     @cached_property
     def _zones(self) -> SpeedZones | None:
-        """The speed limits of the masks; None without such a mask."""
+        """The speed limits of the masks; None if no mask limits the speed."""
         return speed_zones(self.masks)
 
     def with_field(self, field: Field) -> Controller:

@@ -45,8 +45,9 @@ def goal_offsets(space: ConfigurationSpace, place: Vector, *, sure: bool = True)
 
     The cell of the point comes first; those of its face neighbours that have a single such configuration follow in
     order of distance.  Two cells that share a face form a convex box, so that straight lines between them stay in goal
-    cells.  `place` (ndim,): the point, in axis coordinates; `sure`: whether the position is exact (see `goal_offset`).
-    Offsets are in axis units.
+    cells.  `place` (ndim,): the point, in axis coordinates; `sure`: whether the position is exact; otherwise, if every
+    configuration of the own cell solves the goal, its offset leads to the centre of the cell.  Offsets are in axis
+    units.
     """
     cell, local = space.split(place)
     own = tuple(cell.tolist())
@@ -64,7 +65,7 @@ def goal_offsets(space: ConfigurationSpace, place: Vector, *, sure: bool = True)
 
 
 def exits(space: ConfigurationSpace, place: Vector) -> list[tuple[CellIndex, Vector]]:
-    """Return the cells with a path to a goal within `RECOVERY` cells of a point, nearest first.
+    """Return the cells with a path to a goal within `RECOVERY` (2) cells of a point, nearest first.
 
     Each entry is the index of a cell and the offset (ndim,) from the point to the centre of the cell, in axis units.
     The cell of the point is left out.  `place` (ndim,): the point, in axis coordinates.

@@ -76,10 +76,11 @@ def _distance(scene: Scene, space: ConfigurationSpace, goal: Goal, configuration
 def _from_tolerant_pose(
     robot: Robot, space: ConfigurationSpace, place: Point, tolerance: float, configuration: Vector
 ) -> float:
-    """Return the distance of a configuration from the configurations within a tolerance of a place with a heading.
+    """Return the distance of a configuration from a goal configuration with a tolerance, in axis units.
 
-    `place`: goal configuration along the axes; `tolerance`: largest distance of its first two coordinates, or of all
-    coordinates for a robot that moves in the workspace; `configuration` (ndim,): along the axes.
+    The distance is 0 inside the goal.  `place`: goal configuration in axis coordinates; `tolerance`: largest distance
+    of the first two coordinates from those of the goal, or of all coordinates for a robot that moves in the workspace;
+    other coordinates have no tolerance; `configuration` (ndim,): in axis coordinates.
     """
     gap = np.array(place) - _wrapped(space, configuration)
     turn = (space.upper - space.lower)[space.periodic]

@@ -32,7 +32,7 @@ _FLAT = (
 """Message for a cell with a path to a goal but without current."""
 
 DITHERS = 10
-"""Maximum number of small random motions of a robot that has stalled, until it has left a half cell."""
+"""Maximum number of small random motions of a stalled robot before it has moved more than half a cell."""
 
 SAME = 1e-9
 """Distance up to which two positions count as equal, as a fraction of the cell width."""
@@ -54,11 +54,10 @@ class StallDetector:
         self._anchor, self.crossed, self._dithers = place, 0.0, 0
 
     def update(self, place: Vector, cells: float) -> None:
-        """Add a commanded distance.
+        """Add a commanded distance to the sum, or restart if the robot has moved more than half a cell along an axis.
 
-        Restart if the robot is more than half a cell away from the place of the last restart.
-
-        `place` (ndim,): present position, in axis units; `cells`: distance that the robot could have moved, in cells.
+        `place` (ndim,): present position, in axis units, compared with that of the last restart; `cells`: distance that
+        the robot could have moved, in cells.
         """
         if np.any(np.abs(place - self._anchor) > 0.5 * self._spacing):
             self.reset(place)
@@ -94,9 +93,10 @@ class Command(NamedTuple):
 
 
 class Navigator:
-    """Chooses the command without contact; records the trail of the robot and the cells that it could not reach.
+    """Chooses the command without contact, and records the trail and the cells that the robot could not reach.
 
-    `live`: map and controller of the robot; `sensor`: position sensor; `stall`: stall detector.
+    The trail is the list of the true configurations that the robot has passed.  `live`: map and controller of the
+    robot; `sensor`: position sensor; `stall`: stall detector.
     """
 
     def __init__(self, live: LiveMap, sensor: Sensor, stall: StallDetector) -> None:
@@ -151,9 +151,9 @@ class Navigator:
     def _recover(self, believed: Vector, configuration: Vector) -> Command | End:
         """Return the command that leads out of a cell without a path to a goal, or the end of a run without way out.
 
-        The robot moves back along its trail or, if no configuration of the trail lies in a cell with a path, straight
-        to a near cell with a path.  `believed` (ndim,): configuration according to the sensor; `configuration` (ndim,):
-        true configuration; both in axis coordinates.
+        The robot moves back along its trail (the configurations that it has passed) or, if none of them lies in a cell
+        with a path, straight to a near cell with a path.  `believed` (ndim,): configuration according to the sensor;
+        `configuration` (ndim,): true configuration; both in axis coordinates.
         """
         if self._cut_off:
             for cell, offset in exits(self._live.space, believed):
@@ -198,8 +198,9 @@ class Navigator:
         return End(TerminationReason.NO_PATH, message)
 
     def fail(self, mode: ControlMode, configuration: Vector) -> None:
-        """Discard the target of a straight motion: the exit or, on the way back, the last configuration of the trail.
+        """Discard the target of a straight motion after a step without progress.
 
+        The target is a cell or, on the way back along the passed configurations (the trail), the last one of these.
         `mode`: kind of motion of the step; `configuration` (ndim,): present true configuration, in axis coordinates.
         """
         if self.exit is not None:
@@ -208,7 +209,7 @@ class Navigator:
             self._trail.pop()
 
     def give_up_exit(self, configuration: Vector) -> None:
-        """Mark the present exit as unreachable.
+        """Mark the exit, the cell to which the robot moves in a straight line, as unreachable.
 
         `configuration` (ndim,): present true configuration, in axis coordinates.
         """
@@ -219,11 +220,11 @@ class Navigator:
             self._stall.reset(configuration)
 
     def remember(self, mode: ControlMode, before: Vector, after: Vector, *, pushed: bool) -> None:
-        """Append the configuration `before` a step to the trail, so that each step back repeats an earlier step.
+        """Append the configuration before a step to the trail, the list of configurations for the way back.
 
-        On the way back a configuration is appended only where an external force pushed the robot off the trail.
-        `mode`: kind of motion of the step; `before, after` (ndim,): true configurations, in axis coordinates; `pushed`:
-        whether an external force acted in the step.
+        On the way back a configuration is appended only where an external force pushed the robot off the trail. `mode`:
+        kind of motion of the step; `before, after` (ndim,): true configurations before and after the step, in axis
+        coordinates; `pushed`: whether an external force acted in the step.
         """
         away = np.abs(after - self._trail[-1]) if self._trail else np.zeros_like(before)
         pushed_off = mode is ControlMode.RETREATING and pushed and np.any(away > SAME * self._live.spacing)
@@ -232,10 +233,10 @@ class Navigator:
             self._trail.append(before)
 
     def learnt(self, configuration: Vector) -> End | None:
-        """Respond to a changed map; return the end of the run, or None if the robot can still find a path to a goal.
+        """Respond to new obstacle cells of the map; return the end of the run, or None if the run continues.
 
-        It can if some configuration of the trail lies in a cell with a path, or near such a cell.  `configuration`
-        (ndim,): present true configuration, in axis coordinates.
+        The run continues if some configuration that the robot has passed, or the present one, lies in a cell with a
+        path to a goal or near such a cell.  `configuration` (ndim,): present true configuration, in axis coordinates.
         """
         self._tried, self.exit = set(), None
         space = self._live.space

@@ -138,8 +138,8 @@ class Plant:
         """Return the mask of the cells that the conservative rule blocks for one workspace point, shape of the space.
 
         The rule blocks a cell if the robot may touch the point at any configuration in the cell.  If the point (2,), in
-        metres, belongs to an obstacle, each of these cells is an obstacle cell by that rule.  A contact proves no more
-        (Connolly & Grupen 1992, section 7, figure 19).
+        metres, belongs to an obstacle, each of these cells is an obstacle cell by that rule.  A contact at the point
+        proves nothing about other cells (Connolly & Grupen 1992, section 7, figure 19).
         """
         place = tuple(np.asarray(point, dtype=np.float64).tolist())
         return self.robot.occupancy(self.axes, [Ball(place, 0.0)], "conservative") & ~self.self_blocked
@@ -164,8 +164,8 @@ class Plant:
     def penetration(self, configurations: ArrayLike) -> NDArray[np.float64]:
         """Return the penetration depth of the robot into obstacles, in metres, shape (n,); a touch has depth 0.
 
-        The depth is computed with shapely, independently of the geometry that moves the robot.  `configurations` (n,
-        ndim): in world coordinates.
+        The depth is computed with shapely, independently of the compiled kernels that move the robot.  `configurations`
+        (n, ndim): in world coordinates.
         """
         return self.axis_penetration(np.atleast_2d(self.frame.from_world(configurations)))
 

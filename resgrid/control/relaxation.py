@@ -82,7 +82,7 @@ class RelaxingGrid:
         self._pending = 0.0
 
     def change(self, space: ConfigurationSpace) -> None:
-        """Connect the rails according to another map; the voltages of all other nodes stay.
+        """Connect the rails according to another map; the voltages of all other nodes do not change.
 
         `space`: the new map, with the axes of the old one.  Raises InputError for other axes.
         """
@@ -222,8 +222,8 @@ def _stepping(dynamics: Dynamics, relaxation: Relaxation, solver: Solver) -> Cal
 def _compiled(wiring: Wiring, space: ConfigurationSpace) -> Netlist:
     """Return a netlist with resistors of 1 ohm and 1 farad at every free node, so that the time unit is ``R C``.
 
-    The obstacle rail has 0 V or, in a circuit with a drive, the goal rail.  `wiring`: rules that turn the space into a
-    circuit; `space`: the map.
+    The obstacle rail has 0 V and the goal rail 1 V; in a circuit with a drive the goal rail has 0 V.  `wiring`: rules
+    that turn the space into a circuit; `space`: the map.
     """
     supply, goal = (1.0, 0.0) if wiring.is_driven else (-1.0, 1.0)
     wall = None if wiring.wall_resistance is None else wiring.wall_resistance / wiring.resistance

@@ -195,7 +195,8 @@ class Run:
     goal : int or None
         Number of the goal region that contains the true configuration at the end; None if the robot did not arrive.
     time : ndarray of float64, shape (n,)
-        Time of each row, in seconds.
+        Time of each row since the start of the run, in seconds.  A row is the beginning of a step; the last row is the
+        end of the run.
     configuration, believed : ndarray of float64, shape (n, ndim)
         True configuration, continuous across the seams of periodic axes, and configuration according to the position
         sensor, both in world coordinates.

@@ -126,7 +126,8 @@ class Simulation:
         Parameters
         ----------
         start : array_like of float, shape (n,), optional
-            In world coordinates; by default the scene's first start.  All other defaults: ``control`` of the scene.
+            In world coordinates; by default the scene's first start.  The defaults of all other parameters are the
+            values in ``scene.control``, or those of `resgrid.control.Control` without a scene.
         pushes : sequence of ExternalForce or callable, optional
             External generalised forces, as a list or a function of time and configuration; ``()`` for none.
         bias : array_like of float, shape () or (n,), optional
@@ -173,7 +174,8 @@ class Simulation:
     def _checked_start(self, start: ArrayLike | None, *, exact: bool) -> NDArray[np.float64]:
         """Return a start (n,) in axis coordinates; raise InputError if the robot is inside an obstacle there.
 
-        `start` (n,): in world coordinates, None for the scene's; `exact`: True to skip the check in an obstacle cell.
+        `start` (n,): in world coordinates, None for the first start of the scene; `exact`: whether the sensor is exact;
+        an obstacle cell of the map is then accepted, because the run ends there at once.
         """
         if start is None:
             if self.scene is None or not self.scene.starts:
@@ -294,7 +296,11 @@ def simulation(
 
 
 def announce_hidden(sim: Simulation, relaxation: Relaxation) -> Simulation:
-    """Return a copy of a simulation whose hidden obstacles enter the map at time 0; then the grid begins to settle."""
+    """Return a copy of a simulation whose hidden obstacles enter the map at time 0; then the grid begins to settle.
+
+    Contacts do not change the map of the copy.  `relaxation`: mechanism and speed of settling.  Raise InputError if the
+    hidden obstacles cover every goal cell.
+    """
     truth = sim.plant.true_space(sim.space)
     if not truth.goal_count:
         raise InputError("the hidden obstacles cover every goal cell: move a goal, or an obstacle")
@@ -306,7 +312,12 @@ def announce_hidden(sim: Simulation, relaxation: Relaxation) -> Simulation:
 def arrival(
     end: End, space: ConfigurationSpace, configuration: NDArray[np.float64], believed: NDArray[np.float64]
 ) -> tuple[End, int | None]:
-    """Return `end`, or MISSED if the true `configuration` is in no goal, and the goal region's number or None."""
+    """Return the end of a run at a goal according to the sensor, and the number of the goal region, or None.
+
+    If the true configuration is in no goal cell, the end is `TerminationReason.MISSED` and the number None; otherwise
+    the end is the argument `end`.  `space`: map; `configuration`, `believed` (ndim,): true configuration, and
+    configuration according to the sensor, in axis coordinates.
+    """
     region = int(space.goal_region[tuple(space.split(configuration)[0])])
     if region >= 0:
         return end, region

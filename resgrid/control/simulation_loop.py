@@ -118,10 +118,10 @@ class Loop:
         return self._check_progress(mode, elapsed * pace, pushed, seen)
 
     def _pace(self, velocity: Vector) -> float:
-        """Return the speed of a velocity within the speed limits, in cells per second (largest axis component).
+        """Return the largest axis component of a velocity after its reduction to the speed limits, in cells per second.
 
-        `velocity` (ndim,): in axis coordinates, per second.  For a velocity of 0 the nominal speed of the controller is
-        used.
+        `velocity` (ndim,): in axis coordinates, per second.  For a velocity of 0 the result is that of the nominal
+        speed of the controller, or of the largest speed limit if this is lower.
         """
         controller, spacing = self.live.controller, self.live.spacing
         fastest = float((np.abs(controller.limited(velocity, self.believed)) / spacing).max())
@@ -132,9 +132,9 @@ class Loop:
     def _contacts(self, around: Surroundings, velocity: Vector, pause: float) -> ContactSet | None:
         """Return the contacts and their forces at a commanded velocity, or None without contacts.
 
-        The speed limits scale the whole velocity later, including the rates at which gaps open; `pause` is scaled
-        accordingly. `around`: pairs of near points; `velocity` (ndim,): command in axis coordinates, per second, before
-        the speed limits; `pause`: duration of the step, in seconds.
+        The speed limits later reduce the whole velocity by a factor, including the rates at which gaps open; the
+        duration is multiplied by this factor to compensate. `around`: pairs of near points; `velocity` (ndim,): command
+        in axis coordinates, per second, before the speed limits; `pause`: duration of the step, in seconds.
         """
         controller = self.live.controller
         limited = controller.limited(velocity, self.believed)
@@ -146,9 +146,10 @@ class Loop:
     def _check_progress(self, mode: ControlMode, cells: float, pushed: bool, seen: Nominal) -> End | None:
         """Return the end of a run that makes no progress, else None.
 
-        A robot that has stalled first gives up its target cell, or makes a small random motion, before the run ends.
-        `mode`: kind of motion of the step; `cells`: distance that the step could have covered, in cells; `pushed`:
-        whether an external force acted; `seen`: nominal motion at the measured configuration.
+        A run ends if the robot has stalled or has waited too long for a grid to settle.  A robot that has stalled first
+        gives up its target cell, or makes a small random motion. `mode`: kind of motion of the step; `cells`: distance
+        that the step could have covered, in cells; `pushed`: whether an external force acted; `seen`: nominal motion at
+        the measured configuration.
         """
         stall, place, grid = self.stall, self.body.configuration, self.live.grid
         if pushed:
@@ -192,7 +193,10 @@ class Loop:
         )
 
     def _dither(self) -> None:
-        """Move the robot by a random offset of at most 0.1 cell per axis, if collision-free, and record the step."""
+        """Move the robot by a random offset and record the step, unless the motion would meet an obstacle.
+
+        The offset is at most 0.1 cell per axis.
+        """
         before, none = self.body.configuration, np.zeros_like(self.torque)
         self.torque = none
         if self.body.shaken(self.rng.uniform(-0.1, 0.1, len(none)) * self.live.spacing):
@@ -251,10 +255,10 @@ class Loop:
 
 
 def _makes_progress(velocity: Vector, chosen: Vector) -> bool:
-    """Return whether the velocity of a step has a significant component along the command.
+    """Return whether the scalar product of the velocity of a step and its command exceeds a limit.
 
-    `velocity` (ndim,): velocity of the step; `chosen` (ndim,): command without contacts and external force; both in
-    axis coordinates, per second.
+    Both vectors are divided by the largest component of the command; the limit is 0.1.  `velocity` (ndim,): velocity of
+    the step; `chosen` (ndim,): command without contacts and external force; both in axis coordinates, per second.
     """
     size = float(np.abs(chosen).max())
     return size > 0.0 and float((velocity / size) @ (chosen / size)) > _PROGRESS

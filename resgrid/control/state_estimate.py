@@ -73,7 +73,10 @@ class LiveMap:
             self.controller = self.controller.with_field(self.grid.field)
 
     def mark(self, cells: NDArray[np.bool_]) -> None:
-        """Mark cells (mask, shape of the space) as obstacles of the map, goal cells included; keep the field."""
+        """Mark cells as obstacles of the map, goal cells included; the field does not change.
+
+        `cells` (shape of the space): mask of the cells.
+        """
         self.space = self.space.with_cells(np.where(cells, np.uint8(Cell.OBSTACLE), self.space.cell))
 
     def solve(self) -> None:

@@ -68,6 +68,7 @@ def wavefront(simulation: Simulation, cells: NDArray[np.float64]) -> Wavefront:
     Returns
     -------
     Wavefront
+        Potentials of all cells at every time, and their differences from the final potentials.
 
     Raises
     ------

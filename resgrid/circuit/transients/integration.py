@@ -29,7 +29,7 @@ _FIRST = 1e-3
 """Length of the first step, as a fraction of the time until the fastest state would have crossed its range."""
 
 _GROWTH = 2.0
-"""Largest product of a step and the growth rate of a state."""
+"""Largest product of the length of a step and the growth rate of a state at constant voltages."""
 
 _LEAST_STEP = 1e-24
 """Smallest length of a step, as a fraction of the present time, below which the integration fails.
@@ -45,9 +45,9 @@ limit it can change much in so short a time.
 class _Attempt(NamedTuple):
     """Result of one attempted step.
 
-    `point`: unknowns after the step; `drift` (m,): drifts of the states at its end, in 1/s; `error`: estimated error, 1
-    at the tolerance; `shorter`: length in seconds of a step that ends where a state reaches a limit or leaves it, None
-    for a step that may be accepted.
+    `point`: unknowns after the step; `drift` (m,): drifts (time derivatives of the coordinates of the states) at the
+    end of the step, in 1/s, 0 for states at rest; `error`: estimated error, 1 at the tolerance; `shorter`: length in
+    seconds of a step that ends where a state reaches a limit or leaves it, None for a step that may be accepted.
     """
 
     point: Point
@@ -60,9 +60,10 @@ class _Attempt(NamedTuple):
 class Integration:
     """Time integration of one circuit.
 
-    `equations`: the equations; `corners` (n, 2): waveform; `tolerance`: error of the whole integration; `end`: end time
-    in seconds; `progress`: function called after every step; `steps`: number of accepted steps; `switched` (m,): first
-    times of the state 0.5, in seconds; `span`: largest voltage difference so far.
+    `equations`: the equations; `corners` (n, 2): corners of the waveform, times in seconds and factors; `tolerance`:
+    error of the whole integration; `end`: end time in seconds; `progress`: function called after every step; `steps`:
+    number of accepted steps; `switched` (m,): first times of the state 0.5, in seconds, NaN before; `span`: largest
+    voltage difference so far, in volts.
     """
 
     equations: MemristiveEquations
@@ -86,9 +87,12 @@ class Integration:
             yield at
 
     def _step(self, now: float, at: Point, h: float, until: float) -> tuple[float, Point, float]:
-        """Return time, unknowns and the next length of a step after one accepted step.
+        """Take one accepted step.
 
-        `now`: time in seconds; `at`: unknowns; `h`: proposed length; `until`: latest end of the step.
+        Return the time and the unknowns after the step, and the proposed length of the next step.
+
+        `now`: time in seconds; `at`: unknowns; `h`: proposed length in seconds, infinite for the first step; `until`:
+        latest end of the step, in seconds.
         """
         drive = drive_at(self.corners, now, until)
         self._note_span(at, drive.value)
@@ -124,12 +128,19 @@ class Integration:
         return after, restored, grown if used >= proposed else max(grown, proposed)
 
     def _first_length(self, drift: Vector) -> float:
-        """Return the length of the first step, in seconds; `drift` (m,): drifts in 1/s."""
+        """Return the length of the first step, in seconds.
+
+        `drift` (m,): time derivatives of the coordinates of states, in 1/s.
+        """
         fastest = float(np.abs(drift).max(initial=0.0))
         return _FIRST * min(self.end, 1 / fastest if fastest > 0 else np.inf)
 
     def _longest(self, at: Point, drive: Drive, drift: Vector, moving: Vector) -> float:
-        """Return the largest length of a step, in seconds: to the next limit, and short for states that grow fast."""
+        """Return the largest length of a step, in seconds: up to the next limit of a state, and short for fast growth.
+
+        `at`: unknowns; `drive`: waveform; `drift` (m,): time derivatives of the coordinates of states, in 1/s; `moving`
+        (m,): 0 for states at rest.
+        """
         growth = self.equations.largest_growth(at, drive, moving)
         ahead = self.equations.coordinates.time_to_limit(at.state, drift, moving)
         return min(ahead, _GROWTH / growth if growth > 0 else np.inf)
@@ -153,7 +164,7 @@ class Integration:
         return _Attempt(point, final * moving, largest / (_STEP_SHARE * self.tolerance), shorter)
 
     def _drift(self, at: Point, drive: Drive) -> Vector:
-        """Return the drifts of all states in 1/s, (m,), as if none rested at a limit."""
+        """Return the time derivatives of the coordinates of all states in 1/s, (m,), as if none rested at a limit."""
         return self.equations.slope(at, drive, np.ones_like(at.state)).state
 
     def _note_span(self, at: Point, value: float) -> None:
@@ -164,8 +175,8 @@ class Integration:
     def _note_switches(self, now: float, h: float, ends: tuple[Vector, Vector], drifts: tuple[Vector, Vector]) -> None:
         """Record the first times of the state 0.5 within a step, by cubic Hermite interpolation.
 
-        `now`, `h`: beginning and length of the step, in seconds; `ends`: coordinates of the states before and after the
-        step; `drifts`: their drifts in 1/s.
+        `now`, `h`: beginning and length of the step, in seconds; `ends`, `drifts`: coordinates of the states and their
+        time derivatives in 1/s, before and after the step.
         """
         x0, x1 = (end - self.equations.coordinates.half for end in ends)
         crossing = np.flatnonzero(np.isnan(self.switched) & (np.sign(x0) * np.sign(x1) <= 0) & (x0 != x1))

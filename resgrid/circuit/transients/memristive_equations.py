@@ -57,8 +57,8 @@ class MemristiveEquations:
     time 0; `resistors`, `capacitors`, `both`: positions of the resistors, of the capacitors, and of resistors and then
     capacitors in the equations; `groups`: positions of the resistors in the equations of the rows without capacitance;
     `group` (n,): equation of such a row, or group of rows, -1 for others; `lift` (resistors,): voltages between rails
-    across the resistors, in volts, for the waveform 1; `charging`, `injected` (n,): charge on the capacitors to the
-    rails, in coulombs, and current of the current sources, in amperes, into every row, for the waveform 1.
+    across the resistors, in volts; `charging`, `injected` (n,): charge on the capacitors to the rails, in coulombs, and
+    current of the current sources, in amperes, into every row; the last three for the value 1 of the waveform.
     """
 
     circuit: MemristiveCircuit
@@ -96,7 +96,10 @@ class MemristiveEquations:
         )
 
     def drops(self, voltage: Vector, drive: float) -> Vector:
-        """Return the voltages across all resistors, (resistors,) in volts; `voltage` (n,); `drive`: the waveform."""
+        """Return the voltages across all resistors, in volts, (resistors,).
+
+        `voltage` (n,): voltages of the rows in volts; `drive`: value of the waveform.
+        """
         return np.asarray(self.resistors.across(voltage) + drive * self.lift)
 
     def conductance(self, state: Vector) -> Vector:
@@ -107,11 +110,17 @@ class MemristiveEquations:
         return siemens
 
     def currents(self, at: Point, drive: float) -> Vector:
-        """Return the currents of the memristors, in amperes, (m,); `at`: the unknowns; `drive`: the waveform."""
+        """Return the currents of the memristors, in amperes, (m,).
+
+        `at`: the unknowns; `drive`: value of the waveform.
+        """
         return np.asarray((self.conductance(at.state) * self.drops(at.voltage, drive))[self.circuit.memristors])
 
     def at_nodes(self, voltage: Vector, drive: float) -> Vector:
-        """Return the node voltages in volts, (nodes,); `voltage` (n,): voltages of rows; `drive`: the waveform."""
+        """Return the node voltages in volts, (nodes,).
+
+        `voltage` (n,): voltages of rows; `drive`: value of the waveform.
+        """
         return np.asarray(drive * self.dynamics.fixed + np.append(voltage, 0.0)[self.dynamics.row])
 
     def by_state(self, siemens: Vector, drop: Vector, state: Vector) -> Vector:
@@ -124,14 +133,18 @@ class MemristiveEquations:
         return np.asarray(change * siemens**2 * drop)
 
     def speed(self, moving: Vector) -> Vector:
-        """Return the drift per ampere for ``phi = 1``, in 1/C, (m,); `moving` (m,): 0 for states at a limit."""
+        """Return the drift per ampere where the factor ``phi`` of the window is 1, in 1/C, (m,).
+
+        The drift is the time derivative of the coordinate of a state.  `moving` (m,): 0 for states at a limit, else 1.
+        """
         return self.circuit.law.rate * self.circuit.polarity * moving
 
     def slope(self, at: Point, drive: Drive, moving: Vector) -> Point:
-        """Return the right-hand sides: currents into rows, drifts of states, currents and heat of memristors.
+        """Return the right-hand sides of the equations as a point.
 
-        `at`: the unknowns; `drive`: the waveform; `moving` (m,): 1 for a memristor whose state can change, 0 at a
-        limit.
+        They are the currents into rows in amperes, the drifts of states in 1/s, and the currents in amperes and the
+        heat of the memristors in watts.  `at`: the unknowns; `drive`: the waveform; `moving` (m,): 1 for a memristor
+        whose state can change, 0 at a limit.
         """
         siemens, drop = self.conductance(at.state), self.drops(at.voltage, drive.value)
         amps = siemens * drop
@@ -141,7 +154,11 @@ class MemristiveEquations:
         return Point(into, drift, own, own * drop[self.circuit.memristors])
 
     def time_derivative(self, at: Point, drive: Drive, moving: Vector) -> Point:
-        """Return the partial derivatives of `slope` with respect to time."""
+        """Return the partial derivatives of the right-hand sides, the result of `slope`, with respect to time.
+
+        `at`: the unknowns; `drive`: the waveform; `moving` (m,): 1 for a memristor whose state can change, 0 at a
+        limit.
+        """
         amps = self.conductance(at.state) * (drive.slope * self.lift)
         own = amps[self.circuit.memristors]
         drop = self.drops(at.voltage, drive.value)[self.circuit.memristors]
@@ -151,7 +168,7 @@ class MemristiveEquations:
     def restore(self, at: Point, drive: float) -> Point:
         """Return the point with the voltages of rows without capacitance corrected to Kirchhoff's current law.
 
-        `at`: the unknowns; `drive`: the waveform.
+        `at`: the unknowns; `drive`: value of the waveform.
         """
         count = self.groups.size
         if not count:
@@ -164,7 +181,11 @@ class MemristiveEquations:
         return at._replace(voltage=at.voltage + np.append(change, 0.0)[self.group])
 
     def growth(self, at: Point, drive: Drive, moving: Vector) -> Vector:
-        """Return the derivatives of the drifts with respect to their own states at constant voltages, in 1/s, (m,)."""
+        """Return the derivatives of the drifts with respect to their own states at constant voltages, in 1/s, (m,).
+
+        `at`: the unknowns; `drive`: the waveform; `moving` (m,): 1 for a memristor whose state can change, 0 at a
+        limit.
+        """
         chosen = self.circuit.memristors
         own, drop = self.conductance(at.state)[chosen], self.drops(at.voltage, drive.value)[chosen]
         coordinates = self.coordinates
@@ -172,19 +193,24 @@ class MemristiveEquations:
         return self.speed(moving) * (by_current + own * drop * coordinates.mobility_slope(at.state))
 
     def largest_growth(self, at: Point, drive: Drive, moving: Vector) -> float:
-        """Return the largest growth rate of a state at constant voltages, in 1/s; 0 if all states decay."""
+        """Return the largest growth rate of a state at constant voltages, in 1/s; 0 if all states decay.
+
+        `at`: the unknowns; `drive`: the waveform; `moving` (m,): 1 for a memristor whose state can change, 0 at a
+        limit.
+        """
         return float(np.max(self.growth(at, drive, moving), initial=0.0))
 
 
 @dataclass(frozen=True, eq=False)
 class StepMatrix:
-    """Factors of ``M / (gamma h) - J`` at one point, where ``M`` holds ``C`` for the voltages and 1 for the states.
+    """Factors of ``M / (gamma h) - J`` at one point, for a step of length ``h`` of the Rosenbrock method.
 
-    `equations`: the equations; `rate`: ``1 / (gamma h)`` in 1/s; `by_voltage`, `by_state` (m,): derivatives of the
-    current of a memristor with respect to its voltage (its conductance, in siemens) and to its state, in amperes;
-    `drop` (m,): voltages across memristors, in volts; `response` (m,): derivative of the drift with respect to the
-    voltage, in 1/(V s); `pivot` (m,): diagonal of the block of the states, in 1/s; `solve`: solver of the reduced
-    matrix (n, n).
+    ``M`` contains ``C`` for the voltages and 1 for the states; ``J`` is the Jacobian matrix of the right-hand sides,
+    and ``gamma`` a coefficient of the method.  `equations`: the equations; `rate`: ``1 / (gamma h)`` in 1/s;
+    `by_voltage`, `by_state` (m,): derivatives of the current of a memristor with respect to its voltage (its
+    conductance, in siemens) and to its state, in amperes; `drop` (m,): voltages across memristors, in volts; `response`
+    (m,): derivative of the drift with respect to the voltage, in 1/(V s); `pivot` (m,): diagonal of the block of the
+    states, in 1/s; `solve`: solver of the reduced matrix (n, n).
     """
 
     equations: MemristiveEquations
@@ -198,7 +224,11 @@ class StepMatrix:
 
     @classmethod
     def at(cls, equations: MemristiveEquations, at: Point, drive: Drive, moving: Vector, rate: float) -> StepMatrix:
-        """Return the factors at a point; arguments as for `MemristiveEquations.slope`; `rate`: in 1/s."""
+        """Return the factors at a point.
+
+        `at`: the unknowns; `drive`: the waveform; `moving` (m,): 1 for a memristor whose state can change, 0 at a
+        limit; `rate`: ``1 / (gamma h)`` in 1/s.
+        """
         chosen, netlist = equations.circuit.memristors, equations.circuit.netlist
         siemens = equations.conductance(at.state)
         own, drop = siemens[chosen], equations.drops(at.voltage, drive.value)[chosen]
@@ -210,7 +240,10 @@ class StepMatrix:
         return cls(equations, rate, own, by_state, drop, response, pivot, solve)
 
     def solved(self, right: Point) -> Point:
-        """Return the solution for a right-hand side, including charges and heat, which do not act back."""
+        """Return the solution of the linear system for a right-hand side, as a point.
+
+        `right`: right-hand side.  Charges and heat are included, although voltages and states do not depend on them.
+        """
         resistors, chosen = self.equations.resistors, self.equations.circuit.memristors
         amps = np.zeros(len(resistors.first))
         amps[chosen] = self.by_state * right.state / self.pivot

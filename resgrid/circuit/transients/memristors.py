@@ -100,11 +100,12 @@ class Memristor:
         thickness : float
             Thickness of the film, in metres.
         window, exponent, initial
-            As for the class.
+            Window of the drift, exponent of the Joglekar window, and state at time 0, as for the class.
 
         Returns
         -------
         Memristor
+            The law of the film.
 
         Raises
         ------
@@ -155,8 +156,11 @@ class MemristiveCircuit:
     netlist : Netlist
         The circuit in the states at time 0, for analyses of circuits of resistors.
     memristors : ndarray of int64, shape (m,)
+        Indices of the resistors that are memristors.
     polarity : ndarray of float64, shape (m,)
+        Polarity of every memristor, 1 or -1.
     state : ndarray of float64, shape (m,)
+        State of every memristor at time 0, from 0 to 1.
 
     Raises
     ------
@@ -250,6 +254,7 @@ class MemristiveCircuit:
         Returns
         -------
         Netlist
+            The netlist with the conductances of the memristors in these states, in siemens.
 
         Raises
         ------

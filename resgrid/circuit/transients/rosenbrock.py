@@ -31,7 +31,7 @@ _POINTS = np.array(
         (1.221224509226641, 6.019134481288629, 12.53708332932087, -0.6878860361058950, 1.0),
     )
 )
-"""Coefficients of earlier stages in the point at which a stage is evaluated, shape (6, 5)."""
+"""Coefficients of the solutions of earlier stages in the point at which a stage is evaluated, shape (6, 5)."""
 
 _RIGHT = np.array(
     (
@@ -43,7 +43,10 @@ _RIGHT = np.array(
         (8.083246795921522, -7.981132988064893, -31.52159432874371, 16.31930543123136, -6.058818238834054),
     )
 )
-"""Coefficients of earlier stages in the right-hand side of a stage, multiplied by ``M / h``, shape (6, 5)."""
+"""Coefficients of the solutions of earlier stages in the right-hand side of a stage, shape (6, 5).
+
+They are multiplied by ``M / h``, with the matrix ``M`` of the time derivatives and the length ``h`` of the step.
+"""
 
 
 def advance(equations: MemristiveEquations, at: Point, h: float, first: Drive, moving: Vector) -> tuple[Point, Point]:

@@ -56,12 +56,18 @@ class Stamps:
         )
 
     def across(self, volts: Vector) -> Vector:
-        """Return the differences of row values across the elements, (elements,); `volts` (n,): 0 outside of rows."""
+        """Return the differences of row values across the elements, (elements,); a node without a row has the value 0.
+
+        `volts` (n,): values of the rows.
+        """
         padded = np.append(volts, 0.0)
         return np.asarray(padded[self.first] - padded[self.second])
 
     def out_of(self, amps: Vector) -> Vector:
-        """Return the sum of the element currents that leave every row, (n,); `amps` (elements,): first to second."""
+        """Return the sum of the element currents that leave every row, in the unit of `amps`, (n,).
+
+        `amps` (elements,): currents from the first to the second node.
+        """
         count = self.size + 1
         out = np.bincount(self.first, amps, count) - np.bincount(self.second, amps, count)
         return np.asarray(out[: self.size])
