@@ -233,9 +233,10 @@ def _oriented(places: Place) -> Place:
 
 
 def _closeness(edges: NDArray[np.float64]) -> float:
-    """Return the total length over which connections run within 0.3 of other connections, in drawing units.
+    """Return the total length, in drawing units, of parts of connections that lie within 0.3 units of another one.
 
-    `edges` (edges, 2, 2): both ends of each connection of two nodes; the outer 15 % at each end are ignored.
+    `edges` (edges, 2, 2): both ends of each straight connection of two nodes; 15 % of its length at each end are
+    ignored.
     """
     lines = np.array(shapely.linestrings(edges + 0.15 * (edges[:, ::-1] - edges)))
     near = shapely.length(shapely.intersection(lines[:, None], shapely.buffer(lines, 0.3)))
@@ -378,8 +379,8 @@ def _roomiest(choices: list[Shapes], drawn: Shapes, enough: float, within: BaseG
     """Return the index of the entry of `choices` with the largest distance from the shapes that are already drawn.
 
     `choices`: alternative lists of polygons and lines; `drawn`: polygons and lines that are already drawn; `enough`:
-    distance, in drawing units, above which more distance does not count, so that the first such entry is taken;
-    `within`: area that is ignored, such as the common node of the shapes, None for no area.
+    distance, in drawing units, at which larger distances are cut off, so that the first of several such entries is
+    returned; `within`: area whose points are ignored, such as the common node of the shapes, None for no area.
     """
     touched = shapely.Point() if within is None else within
     others, *bodies = (shapely.difference(shapes, touched) for shapes in (drawn, *choices))
