@@ -130,8 +130,9 @@ def _cost(job: Job) -> dict[str, Any]:
 def describe_deck(deck: Circuit) -> dict[str, Any]:
     """Return the description of a deck as a dictionary for JSON.
 
-    Keys: those of `deck_data`; ``smallest_resistance`` and ``largest_resistance`` in ohms, or None; ``shorts``: number
-    of resistors of 0 ohm and sources of 0 V; ``supply_volts``: different source voltages; ``floating_nodes``: number;
+    Keys: those of `deck_data`; ``smallest_resistance`` and ``largest_resistance``: range of the resistances above 0, in
+    ohms, None without one; ``shorts``: number of resistors of 0 ohm and sources of 0 V; ``supply_volts``: different
+    source voltages except 0, at most 100; ``floating_nodes``: number of nodes without a connection to ground;
     ``ngspice_seconds`` and ``ngspice_memory_bytes``: estimated cost of a simulation.
     """
     import numpy as np
@@ -209,7 +210,7 @@ def installed_versions() -> dict[str, str | None]:
 
 
 _ROWS = "its top row at the largest y: y points up"
-"""Order of the cells of a map that is a picture or has rows of text."""
+"""Text of the report on the order of the cells in a map that is a picture or has rows of text."""
 
 _ORDERS = {
     "npy": "its first index along x: y points up",
@@ -217,7 +218,7 @@ _ORDERS = {
     "octomap": "in the coordinates of the file",
     "point_cloud": "voxels that contain a point, in the coordinates of the file",
 }
-"""Order or coordinates of the cells of other formats than pictures, by name of the format."""
+"""Texts of the report on the order or the coordinates of the cells in other maps, by name of the format."""
 
 
 def _map_lines(data: dict[str, Any]) -> Iterable[str]:

@@ -70,8 +70,8 @@ def sketch(
 def _window(space: rg.ConfigurationSpace, unseen: NDArray[np.bool_]) -> tuple[slice, slice]:
     """Return the ranges of cells to show along both axes.
 
-    The ranges cover the grid, or, if most cells are unknown, the bounding box of the known cells with a margin.
-    `unseen`: mask of obstacle cells of unknown occupancy, shape of the space.
+    The ranges cover the grid, or, if more than half of the cells are unknown, the bounding box of the known cells with
+    a margin.  `unseen`: mask of obstacle cells of unknown occupancy, shape of the space.
     """
     import numpy as np
 
