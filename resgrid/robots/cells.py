@@ -120,7 +120,11 @@ def mark_image(
 
 
 def _mark_voxels(out: NDArray[np.bool_], axes: tuple[Axis, ...], shape: Voxels, reach: float, rule: Sampling) -> None:
-    """Mark, in place, the cells within a distance of voxels or of their periodic images; for parameters see `mark`."""
+    """Mark, in place, the cells within a distance of voxels or of their periodic images.
+
+    `out`: mask, shape of the grid, in which cells are set to True; `axes`: axes of the grid; `reach`: distance in axis
+    units; `rule`: whether the whole cell (``"conservative"``) or only its centre (``"centre"``) is tested.
+    """
     if reach > 0 or any(axis.periodic for axis in axes):
         for low, high in shape.corners.tolist():
             mark(out, axes, Box(tuple(low), tuple(high)), reach, rule)
@@ -185,7 +189,7 @@ def _near_cells(shape: CellSet, axes: tuple[Axis, ...], reach: float, rule: Samp
 
 
 def _part_of_grid(whole: Sequence[Axis], part: Sequence[Axis]) -> tuple[slice, ...]:
-    """Return the slice, per axis, of the cells of a grid that form another grid; raise InputError if there are none.
+    """Return, per axis, the slice of cells of a grid that form a second grid; raise InputError unless they form it.
 
     `whole`, `part`: axes of the two grids, which must not be periodic where they differ.
     """
@@ -279,7 +283,7 @@ class CellClasses(NamedTuple):
 def region_cells(axes: Sequence[Axis], region: Shape | Point) -> GoalCells:
     """Return the cells of a grid that meet a region, with one configuration of the region per cell.
 
-    The configuration is the region's point in the cell that is nearest to the cell's centre.
+    The configuration is the point nearest to the cell's centre among the points that cell and region have in common.
     `region`: shape or single point, in axis units.
     """
     axes = tuple(axes)
@@ -300,9 +304,9 @@ def region_cells(axes: Sequence[Axis], region: Shape | Point) -> GoalCells:
 
 
 def merge_goals(shape: tuple[int, ...], goals: Sequence[GoalCells]) -> GoalCells:
-    """Return the union of goals on one grid, of shape `shape`.
+    """Return the union of goals on one grid, of shape `shape`, as the cells of one goal.
 
-    A cell that belongs to several goals keeps the configuration of the first goal.
+    A cell that belongs to several of the `goals` gets the configuration of the first of them.
     """
     met, points = [np.empty(0, dtype=np.int64)], [np.empty((0, len(shape)))]
     for goal in goals:

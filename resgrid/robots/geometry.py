@@ -168,7 +168,7 @@ class ObstacleArrays(NamedTuple):
 
 
 def obstacle_arrays(shapes: Iterable[Shape], axes: Sequence[Axis] = ()) -> ObstacleArrays:
-    """Return shapes as arrays, for kernels.
+    """Return shapes of the plane as arrays, for kernels; a set of cells becomes boxes.
 
     `axes`: axes of the plane, empty for a plane that is not periodic.  On periodic axes, the arrays contain all
     periodic images of a shape that come within one period of the grid.
@@ -229,8 +229,8 @@ def _solid_on_the_left(solid: Box | Polygon) -> list[list[tuple[float, ...]]]:
 def periodic_images(shape: SingleShape, axes: Sequence[Axis], reach: Sequence[float]) -> Iterator[SingleShape]:
     """Yield the periodic images of a shape that come within a distance of a grid, and the shape itself if it does.
 
-    A half-space is yielded once, unchanged.  `axes`: axes of the grid; `reach`: distance along each axis, in axis
-    units.
+    A half-space is yielded once, unchanged; raise InputError if its normal has a component along a periodic axis.
+    `axes`: axes of the grid; `reach`: distance along each axis, in axis units.
     """
     if isinstance(shape, HalfSpace):
         for axis, component in zip(axes, shape.normal, strict=False):

@@ -142,9 +142,10 @@ def _surface_gap(
 def _ranges(
     lines: Sequence[NDArray[np.float64]], lower: NDArray[np.float64], upper: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the index of the first centre, and the number of centres, in t boxes along every axis, each (t, axes).
+    """Return, for t boxes, the first index and the number of the grid's centres in the box along every axis.
 
-    `lines`: centres along every axis, increasing; `lower, upper` (t, axes): lower and upper corners of the boxes.
+    Both results have the shape (t, axes).  `lines`: coordinates of the centres along every axis, increasing; `lower,
+    upper` (t, axes): lower and upper corners of the boxes.
     """
     first = np.column_stack([np.searchsorted(line, ends) for line, ends in zip(lines, lower.T, strict=True)])
     last = np.column_stack(
@@ -156,9 +157,10 @@ def _ranges(
 def _pairs(
     first: NDArray[np.int64], count: NDArray[np.int64]
 ) -> Iterator[tuple[NDArray[np.int64], list[NDArray[np.int64]]]]:
-    """Yield batches of all pairs of a triangle and a place in its range: triangles (n,), and indices along every axis.
+    """Yield all pairs of a triangle and a cell in its range, in batches of at most `BATCH` pairs.
 
-    `first, count` (t, axes): first index and number of indices of every triangle along every axis.
+    A batch is a tuple: numbers of the triangles (n,), and a list of the indices (n,) of the cells along every axis.
+    `first, count` (t, axes): first index and number of indices of every triangle's range along every axis.
     """
     ends = np.cumsum(np.prod(count, axis=1))
     for start in range(0, int(ends[-1]) if len(ends) else 0, BATCH):
@@ -206,10 +208,10 @@ def _drop_apart(
     half: NDArray[np.float64],
     reach: float,
 ) -> None:
-    """Clear, in place, the entries of `near` (n,) whose triangle and box are farther apart along a direction.
+    """Clear, in place, the entries of `near` (n,) whose triangle and box are farther than `reach` apart in a direction.
 
-    `directions` (n, 3): not normalized, zero for none; `local` (n, 3, 3): vertices relative to the centre of the box;
-    `half` (3,): half the widths of the box; `reach`: distance, in axis units.
+    `directions` (n, 3): one direction per pair, not normalized, zero for no test; `local` (n, 3, 3): vertices relative
+    to the centre of the box; `half` (3,): half the widths of the box; `reach`: distance, in axis units.
     """
     at = np.flatnonzero(near)
     if not len(at):
@@ -270,10 +272,11 @@ def _enclosed(mesh: Mesh, lines: Sequence[NDArray[np.float64]]) -> NDArray[np.bo
 def _crossings(
     mesh: Mesh, start: NDArray[np.int32], end: NDArray[np.int32], y: NDArray[np.float64], z: NDArray[np.float64]
 ) -> NDArray[np.int32]:
-    """Return how often edges, projected along x, cross rays from (y, z) along y: 1 upwards, -1 downwards, 0 for none.
+    """Return whether n edges, projected along x, cross n rays from (y, z) in the direction of y, with a sign.
 
-    The result has shape (n,); edge and ray correspond.  `mesh`: gives the coordinates of vertices; `start, end` (n,):
-    indices of the vertices of the edges; `y, z` (n,): starts of the rays, in axis units.
+    The result (n,) is 1 if the edge crosses its ray towards larger z, -1 towards smaller z, 0 if it does not.  `mesh`:
+    gives the coordinates of vertices; `start, end` (n,): indices of the vertices of the edges; `y, z` (n,): starts of
+    the rays, in axis units.
     """
     low, high = mesh.points[np.minimum(start, end), 1:], mesh.points[np.maximum(start, end), 1:]
     crosses = (low[:, 1] > z) != (high[:, 1] > z)
