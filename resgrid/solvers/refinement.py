@@ -281,8 +281,8 @@ def quotient(parts: list[Scaled], x: Scaled) -> float:
 def resolve_rows(laplacian: Laplacian, residual: Floats, x: Scaled, current: Numbers) -> Scaled | None:
     """Return the voltages after a direct solution of the rows that are not converged; None for too many rows.
 
-    The neighbourhood of these rows is solved too; all other voltages are held fixed. The currents from the other rows
-    are the residual for zero voltages in the rows that are solved.
+    The neighbourhood of these rows is solved too; all other voltages are held fixed. The right-hand side of the solved
+    rows is their residual of KCL when their own voltages are set to 0.
 
     `residual` (n,): 0 in rows that are converged; `x` (n,): voltages; `current`: mantissas and exponents of the
     right-hand side, (n,) each.
@@ -300,10 +300,11 @@ def resolve_rows(laplacian: Laplacian, residual: Floats, x: Scaled, current: Num
 
 
 def _around(laplacian: Laplacian, rows: NDArray[np.bool_]) -> NDArray[np.bool_] | None:
-    """Return a mask (n,) of some rows and their neighbourhood; None if there are no rows or too many.
+    """Return a mask (n,) of given rows and their neighbourhood; None if no row is given, or the mask has too many rows.
 
-    `rows` (n,): mask of the rows; the neighbourhood consists of the rows within a few steps along resistors (`_STEPS`);
-    too many are more than the limits `_MOST`, `_MOST_OF_PLANE` or 1/`_ONE_IN` of all rows.
+    `rows` (n,): mask of the given rows. The neighbourhood consists of the rows within some steps along resistors: 2 to
+    8, or more, see `_STEPS`. Too many rows are more than `_MOST` (on a two-dimensional grid `_MOST_OF_PLANE`), or more
+    than 1/`_ONE_IN` of all rows.
     """
     plane = laplacian.grid is not None and laplacian.dimensions == 2
     most, edge = min(_MOST_OF_PLANE if plane else _MOST, laplacian.size // _ONE_IN), np.flatnonzero(rows)
