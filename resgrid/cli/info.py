@@ -62,9 +62,10 @@ def command(source: CommandInput | None, schema: bool, shipped: bool, versions: 
 def describe(job: Job) -> dict[str, Any]:
     """Return the description of a scene as a dictionary for JSON.
 
-    Keys: the scene's keys such as ``title``, ``axes`` and ``starts``; ``map``: result of `describe_map`, or None;
-    ``sketch`` and ``sketch_...``: rows of letters with their range and meaning, None unless there are two axes;
-    ``cells``, ``free_cells``, ``obstacle_cells`` and so on: counts; and the keys of the size of the circuit (`_cost`).
+    Keys: the scene's keys such as ``title``, ``axes`` and ``starts``; ``map``: dictionary on how the map was read, None
+    without a map; ``sketch`` (rows of letters), ``sketch_lower``, ``sketch_upper`` (corners of the shown part) and
+    ``sketch_key`` (meaning of the letters), None unless there are two axes; numbers of cells, such as ``free_cells``,
+    and of ``goals``; ``nodes``, ``resistors`` and ``memory_bytes`` of the circuit.
     """
     from resgrid.cli.sketch import sketch
     from resgrid.scene.maps.formats import describe_map
@@ -108,8 +109,8 @@ def describe(job: Job) -> dict[str, Any]:
 def _cost(job: Job) -> dict[str, Any]:
     """Return the size of the circuit as a dictionary for JSON: ``nodes``, ``resistors`` and ``memory_bytes``.
 
-    ``memory_bytes`` is the estimated memory of a solution. If the scene has no single circuit, the values are None, and
-    the key ``no_circuit`` holds the reason.
+    ``memory_bytes`` is the estimated memory of a solution. If the scene has no goal, or several circuits, the values
+    are None, and the key ``no_circuit`` holds the reason as text.
     """
     from resgrid.circuit.equations import assemble
     from resgrid.scene.sampling import with_coordinates

@@ -236,7 +236,7 @@ def _load_numba() -> None:
 
 
 def _observe(name: str, function: Callable[..., Any], *arguments: Any, iterates: bool = False, **options: Any) -> Any:
-    """Call a function of the library as a stage with a progress bar, and return the function's value.
+    """Call a function of the library as a stage (step of a subcommand) with a progress bar, and return its value.
 
     `name`: name of the stage; `arguments`: arguments of the function; `iterates`: whether the function takes a keyword
     ``progress``, a function that is called in every iteration; `options`: further keywords of `terminal.compute`.

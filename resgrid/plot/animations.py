@@ -72,9 +72,9 @@ def animate(
     Parameters
     ----------
     value : Run, Trajectory or Wavefront
-        A run is shown in its workspace with contact forces and, with two axes, in configuration space, with the mode in
-        the title.  A trajectory of an arm in space is shown among the obstacles of `scene`.  A wavefront must have a
-        space with two axes, and is shown at each of its times.
+        A run is shown in its workspace with contact forces and, with two axes, in configuration space; the title states
+        the control mode.  A trajectory of an arm in space is shown among the obstacles of `scene`.  A wavefront must
+        have a space with two axes, and is shown at each of its times.
     file : path-like
         The suffix ``.gif`` or ``.mp4`` selects the format; MP4 needs ffmpeg.  The file is written atomically.
     run : Run, optional
@@ -308,7 +308,7 @@ def _configurations(run: Run, axes: Axes) -> Callable[[int], list[Artist]]:
 def _wavefront_frames(front: Wavefront, run: Run | None) -> Iterator[Figure]:
     """Yield the figure of a wavefront (spread of a map change through the grid), redrawn for each of its times.
 
-    `run`: motion of a robot whose position at this time is marked, None for no robot.
+    `run`: motion of a robot whose position and path until each time are drawn, None for no robot.
     """
     if len(front.cells) > MOST_FRAMES:
         raise InputError(

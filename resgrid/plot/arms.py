@@ -52,9 +52,9 @@ A half-space has no surface in this box, so that it does not extend the limits.
 """
 
 _BEHIND = 0.002
-"""Distance in metres by which each pose of the robot is moved back behind the previous pose along the path.
+"""Distance in metres by which each pose along the path is drawn farther from the camera than the previous pose.
 
-Links at the same place in several poses are then drawn in one colour.
+Links at the same place in several poses are then drawn in the colour of the first of these poses.
 """
 
 

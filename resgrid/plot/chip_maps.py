@@ -55,7 +55,11 @@ _POWER = {"heat": ("heat per cell", "W"), "droop": ("droop of rail cells", "V")}
 
 
 def draw_settling(result: Settling, ax: Axes | None = None) -> Axes:
-    """Draw a map of the settling time of every cell, in seconds; return the axes (`ax`, or those of a new figure)."""
+    """Draw a map of the settling time of every cell, in seconds; return the axes (`ax`, or those of a new figure).
+
+    From its settling time on, the voltage of a cell differs from its final value by at most half a step of the
+    converter.
+    """
     values = _of_free_cells(result.netlist.cells, result.node_time)
     axes = draw_map(result.netlist.cells.space, values, ax, f"time to settle to {result.bits} bits", "s")
     settled, slowest = (format_quantity(t, "s", 3) for t in (result.settle_time, float(result.time_constants[0])))

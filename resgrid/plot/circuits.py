@@ -46,8 +46,7 @@ HALF = 0.3
 _GAP = 0.5 - HALF
 """Distance between the border of a cell on a rail and the square in this cell, in cell widths."""
 _BAND = 0.5
-"""Width of the band around the grid that is drawn for a rail at the edge, in cell widths, with the gaps on both sides.
-"""
+"""Width of the band around the grid for a rail at the edge, in cell widths, including the gaps inside the band."""
 
 _BODY = 0.36
 """Length of an element's symbol without its leads, in cell widths."""

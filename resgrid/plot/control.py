@@ -356,7 +356,7 @@ def draw_wavefront(front: Wavefront, *, shown: Sequence[int] | None = None) -> F
 
 
 def draw_moment(front: Wavefront, row: int, axes: Axes) -> AxesImage:
-    """Draw a wavefront at one time: change of the potential, cells and the new obstacle.
+    """Draw a wavefront at one time: change of the potential, obstacle and goal cells, and the new obstacle.
 
     `row`: index of the time in the wavefront; `axes`: axes to draw on.  Returns the image of the change.
     """

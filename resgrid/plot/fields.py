@@ -168,7 +168,7 @@ def _plane_page(field: Field, paths: Sequence[FieldPath], k: Sequence[float] | N
 
 
 def draw_currents(field: Field, ax: Axes | None = None) -> Axes:
-    """Draw the currents as arrows of equal length, coloured by the logarithm of the magnitude; return the axes.
+    """Draw the currents through cells as arrows of equal length, coloured by log10 of the magnitude; return the axes.
 
     `ax`: axes to draw on, by default those of a new figure.
     """
