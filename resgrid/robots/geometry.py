@@ -71,7 +71,10 @@ class Obstacle:
 
     @property
     def extent(self) -> float:
-        """Largest absolute coordinate of the obstacle, in metres, which bounds rounding errors of distances."""
+        """Largest absolute coordinate of the core, or distance of the half-plane's border from the origin, in metres.
+
+        Rounding errors of distances from the obstacle are proportional to this length.
+        """
         if self.half_plane is not None:
             return float(abs(_unit_normal(self.half_plane)[-1]))
         return float(np.abs(self.core.bounds).max())

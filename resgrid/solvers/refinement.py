@@ -32,7 +32,10 @@ _CONVERGED = 1e-12
 """Largest componentwise backward error of an accepted solution, if the relative error of its entries has no bound."""
 
 CERTAIN = 1e-9
-"""Error of an entry, relative to the largest magnitude, up to which a solution needs no further check or correction."""
+"""Error of an entry up to which a solution needs no further check or correction.
+
+The error is relative to the largest magnitude of an entry of the solution.
+"""
 
 _MOST_STEPS = 60
 """Maximum number of refinement steps of one solution."""
