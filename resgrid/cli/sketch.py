@@ -89,6 +89,9 @@ def _window(space: rg.ConfigurationSpace, unseen: NDArray[np.bool_]) -> tuple[sl
 def _letters(space: rg.ConfigurationSpace, unseen: NDArray[np.bool_], window: tuple[slice, slice]) -> NDArray[np.str_]:
     """Return the letters (columns, rows from below) of the cells in a window, resampled to the size of the sketch.
 
+    A letter stands for a block of cells: "G" with a goal cell, "?" all unknown, "#" all obstacles, "." no obstacle, "+"
+    otherwise.
+
     `unseen`: mask of obstacle cells of unknown occupancy, shape of the space; `window`: ranges of cells along both
     axes.
     """

@@ -258,8 +258,8 @@ def frame_rows(run: Run, count: int) -> NDArray[np.int64]:
 def _workspace(run: Run, axes: Axes) -> Callable[[int], list[Artist]]:
     """Draw the parts of a workspace that do not move; return a function that draws the moving parts of one frame.
 
-    The function takes the index of a row of the run's log, draws the robot and the contact forces, and returns their
-    matplotlib artists.  `axes`: matplotlib axes to draw on.
+    The function takes the index of a row of the run's log, draws the robot, the path of its reference point so far and
+    the contact forces, and returns the matplotlib artists.  `axes`: matplotlib axes to draw on.
     """
     robot, contacts = scene_of(run).robot, run.contacts
     draw_robot(run.configuration[:1], scene_of(run), axes, ghosts=1)

@@ -83,7 +83,7 @@ def draw_line(
 
 
 def _are_streamlines(paths: Sequence[AnyPath]) -> TypeGuard[Sequence[FieldPath]]:
-    """Return whether all paths are streamlines."""
+    """Return whether all paths are streamlines or node paths, which belong to a field."""
     return all(isinstance(path, FieldPath) for path in paths)
 
 

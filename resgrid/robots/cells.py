@@ -146,7 +146,7 @@ def _clip(index: float, cells: int) -> int:
 
 
 def _near_round(shape: Box | Ball, centres: Grids, half: Sequence[float], reach: float) -> NDArray[np.bool_]:
-    """Return the mask (block of cells) of boxes that are within a distance of a box or ball.
+    """Return the mask, shape of a block of cells, of cells whose tested box is within a distance of a box or ball.
 
     `centres`: coordinates of the boxes' centres; `half` (ndim,): half their widths; `reach`: distance, in axis units.
     """
@@ -160,7 +160,7 @@ def _near_round(shape: Box | Ball, centres: Grids, half: Sequence[float], reach:
 
 
 def near_half_space(shape: HalfSpace, centres: Grids, half: Sequence[float], reach: float) -> NDArray[np.bool_]:
-    """Return the mask (block of cells) of boxes that are within a distance of a half-space.
+    """Return the mask, shape of a block of cells, of cells whose tested box is within a distance of a half-space.
 
     `centres`: coordinates of the boxes' centres; `half` (ndim,): half their widths; `reach`: distance, in axis units.
     """
@@ -226,8 +226,8 @@ def _mark_polygon(
 def outline(shape: Box | Polygon, axes: Sequence[Axis], reach: float) -> NDArray[np.float64]:
     """Return the edges ``x0, y0, x1, y1`` of a polygon or rectangle, shape (e, 4), clipped far outside the grid.
 
-    `reach`: distance up to which the caller marks cells around the shape, in axis units; the rings are clipped to the
-    grid enlarged by this distance and the grid's largest side.
+    `reach`: distance up to which the caller marks cells around the shape, in axis units.  The margin is this distance
+    plus the grid's largest side; a ring with a corner beyond `FAR` margins is clipped to the grid with the margin.
     """
     margin = reach + max(axis.upper - axis.lower for axis in axes)
     lower, upper = (axes[0].lower - margin, axes[1].lower - margin), (axes[0].upper + margin, axes[1].upper + margin)
@@ -319,7 +319,7 @@ def merge_goals(shape: tuple[int, ...], goals: Sequence[GoalCells]) -> GoalCells
 
 
 def _image_cells(axes: tuple[Axis, ...], shape: SingleShape) -> GoalCells:
-    """Return the cells that a shape meets, with the shape's point nearest to each cell's centre.
+    """Return the cells that a shape meets, with the common point nearest to each cell's centre.
 
     Periodic images of the shape are not included; `axes`: axes of the grid.
     """
@@ -335,7 +335,7 @@ def _image_cells(axes: tuple[Axis, ...], shape: SingleShape) -> GoalCells:
 
 
 def _nearest(shape: SingleShape, middle: NDArray[np.float64], axes: tuple[Axis, ...]) -> NDArray[np.float64]:
-    """Return, for m cells that a shape meets, the shape's point within the cell nearest to its centre, shape (m, ndim).
+    """Return, for m cells that a shape meets, the common point nearest to the cell's centre, shape (m, ndim).
 
     `middle` (m, ndim): centres of the cells, in axis units; `axes`: axes of the grid.
     """

@@ -27,7 +27,9 @@ def near_mesh(
     reach: float,
     spacing: NDArray[np.float64],
 ) -> NDArray[np.bool_]:
-    """Return the mask (block of cells) of boxes within a distance of a mesh, the inside of closed parts included.
+    """Return the mask, shape of a block of cells, of cells whose tested box is within a distance of a mesh.
+
+    The inside of closed parts belongs to the mesh.
 
     The result is exact up to rounding: a box is left out if a plane separates it from every triangle by more than
     `reach`.
@@ -50,7 +52,7 @@ def near_mesh(
 def _near_surface(
     corners: NDArray[np.float64], lines: Sequence[NDArray[np.float64]], half: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
-    """Return the mask (block of cells) of boxes that meet a triangle.
+    """Return the mask, shape of a block of cells, of cells whose tested box meets a triangle.
 
     `corners` (t, 3, 3): vertices of the triangles; `lines`: centres of the boxes along every axis; `half` (3,): half
     the widths of a box, in axis units.
@@ -73,7 +75,7 @@ def _near_offset(
     reach: float,
     spacing: NDArray[np.float64],
 ) -> NDArray[np.bool_]:
-    """Return the mask (block of cells) of boxes within a positive distance of triangles.
+    """Return the mask, shape of a block of cells, of cells whose tested box is within a distance above 0 of a triangle.
 
     The cells that meet the surface give bounds of all distances, which decide most cells.  The others are tested
     against the triangles, first against few of them, which mark most of the cells that will be marked.
@@ -115,7 +117,7 @@ def _surface_gap(
     reach: float,
     spacing: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Return the distance of every cell (block of cells), in axis units, from the cells that meet a triangle.
+    """Return the distance of every cell of a block, in axis units, from the nearest cell that meets a triangle.
 
     Cells beyond the block that meet a triangle count too if they are within `reach` of the block.  The distance of a
     cell from the surface is at least the returned number, and exceeds it by at most the diagonal of a cell.  The result
@@ -249,7 +251,7 @@ def nearest_on_triangles(corners: NDArray[np.float64], point: NDArray[np.float64
 
 
 def _enclosed(mesh: Mesh, lines: Sequence[NDArray[np.float64]]) -> NDArray[np.bool_]:
-    """Return the mask (block of cells) of centres around which the closed parts of a mesh wind: the centres inside.
+    """Return the mask, shape of a block of cells, of cells whose centre lies inside a closed part of a mesh.
 
     Rays along x through all centres count the crossed triangles with the sign of their orientation.  Edges that a ray
     meets exactly belong to one of their triangles, because each edge is evaluated in the order of its vertices.
@@ -287,9 +289,10 @@ def _crossings(
 
 
 def _heights(corners: NDArray[np.float64], y: NDArray[np.float64], z: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the coordinates x (n,) at which lines parallel to x meet the planes of triangles, within the triangles.
+    """Return the coordinates x (n,) at which n lines parallel to x meet the planes of n triangles.
 
-    `corners` (n, 3, 3): vertices; `y, z` (n,): coordinates of the lines.
+    A coordinate is clipped to the triangle's range of x, against rounding errors.  `corners` (n, 3, 3): vertices; `y,
+    z` (n,): coordinates of the lines.
     """
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     slope = normal[:, 1] * (y - corners[:, 0, 1]) + normal[:, 2] * (z - corners[:, 0, 2])

@@ -29,7 +29,7 @@ Vectors = NDArray[np.float64]
 def near_convex(
     shape: Cylinder | Capsule | OrientedBox, grids: Sequence[NDArray[np.float64]], half: Sequence[float], reach: float
 ) -> NDArray[np.bool_]:
-    """Return the mask (block of cells) of boxes that are within a distance of a convex solid.
+    """Return the mask, shape of a block of cells, of cells whose tested box is within a distance of a convex solid.
 
     The result is exact up to rounding for capsules and oriented boxes.  For cylinders, boxes whose distance exceeds
     `reach` by a tiny amount may be marked too.

@@ -56,9 +56,9 @@ def faces_between(
     *,
     merge: bool = False,
 ) -> Faces:
-    """Return the faces of solid cells that border on air.
+    """Return the faces of solid cells that border on air (cells whose surroundings are drawn).
 
-    `solid`, `air`: masks of the cells of a grid with three axes; `axes`: its axes; `directions`: entries of
+    `solid`, `air`: masks of the cells of a grid with three axes; `axes`: axes of the grid; `directions`: entries of
     `DIRECTIONS`, the faces of solid cells that are considered; `merge`: whether adjacent faces in a horizontal row
     become one rectangle.
     """

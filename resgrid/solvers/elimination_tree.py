@@ -33,7 +33,7 @@ A scaled number has an integer exponent of its own. In an entry above this limit
 
 
 class PlaneElimination:
-    """Eliminated equations of a plane of cells, which change in place.
+    """Elimination of the equations of a plane of cells, repeated in part when equations change.
 
     Parameters
     ----------

@@ -60,7 +60,9 @@ With this margin the last correction rarely misses the limit.
 """
 
 _HOPELESS = 1e-4
-"""Componentwise backward error above which some rows are solved directly, since they have few correct digits or none.
+"""Componentwise backward error above which the rows that are not converged are solved directly.
+
+These rows then have few correct digits or none.
 """
 
 _PROVED = 1e-6
