@@ -293,7 +293,7 @@ def _moved(points: NDArray[np.float64], pose: NDArray[np.float64]) -> NDArray[np
 
 
 def _padded(piece: ConvexPiece, padding: float) -> ConvexPiece:
-    """Return a piece enlarged by a padding in metres; a half-space moves its border."""
+    """Return a piece enlarged by a padding in metres; the border plane of a half-space is moved outwards."""
     if piece.normal is not None:
         return ConvexPiece(piece.points + padding * piece.normal, 0.0, piece.normal)
     return ConvexPiece(piece.points, piece.radius + padding)

@@ -130,7 +130,7 @@ A range of up to `_EVEN` orders of magnitude costs no time; each further one mul
 _LEAST_DECADES, _MOST_DECADES = 30.0, 250.0
 """Smallest and largest fall of the potential, in orders of magnitude, in the comparison of the methods.
 
-The first is assumed for the first comparison, before the fall is estimated. Beyond the second iterative refinement by
+The first is assumed for the first comparison, before the fall is estimated. Beyond the second, iterative refinement by
 multigrid takes too long, and the direct method is used.
 """
 

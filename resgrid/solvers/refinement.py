@@ -168,9 +168,9 @@ def refine(
     ``(b + |A| |x|)_i``, that counts as rounding error of the row's sum of currents; `exact`: whether to compute
     residuals in double-double, so that the solution is the nearest double (also done if the currents of a row's
     resistors are at most 1e-14 of ``(b + |A| |x|)_i``); `first_bound`: bound on the relative error of entries of the
-    first approximation: a larger correction is rounding error of conductances that span more orders of magnitude than
-    double-doubles; `resolve`: whether to solve a few rows without correct digits directly; `threads`: share the
-    computation of residuals.
+    first approximation. A larger correction is discarded and ends the refinement, since it is rounding error: the
+    conductances span more orders of magnitude than double-doubles; `resolve`: whether to solve a few rows without
+    correct digits directly; `threads`: share the computation of residuals.
     """
     matrix, current = laplacian.graph, scaled_currents(rhs)
     residual = current[0].copy(), current[1].copy()
