@@ -27,8 +27,9 @@ CLEARANCE_STEP = 0.01
 def verdict_data(job: Job) -> dict[str, Any]:
     """Return the numbers of free, colliding and undecided cells as a dictionary for JSON.
 
-    It is empty for robots of the plane. With the sampling ``"centre"`` nothing is proven: the key ``proven`` is false,
-    and free and colliding cells are those whose centre is free or collides.
+    The dictionary is empty for robots of the plane. Otherwise its only key ``verdicts`` holds a dictionary with the
+    keys ``proven``, ``free_cells``, ``collision_cells`` and ``undecided_cells``. With the sampling ``"centre"`` nothing
+    is proven: ``proven`` is false, no cell is undecided, and a cell is free if the configuration at its centre is.
     """
     if job.scene.robot.workspace_ndim != 3:
         return {}
@@ -64,9 +65,10 @@ def verdict_lines(data: Mapping[str, Any]) -> Iterator[str]:
 
 
 def check_route(job: Job, route: Route) -> Route:
-    """Return a route with the clearance of an arm in metres, and for robots in space with its first collision.
+    """Return a route of an arm with its clearance in metres, and for an arm in space with its first collision.
 
-    Routes that reach no goal are returned unchanged, and so are routes of other robots, whose clearance in
+    A route is the path of one start at one weight k; its clearance is the smallest distance from a collision. Routes
+    that reach no goal are returned unchanged, and so are routes of robots without a fixed base, whose clearance in
     configuration space is already a length.
     """
     scene = job.scene
@@ -81,7 +83,10 @@ def check_route(job: Job, route: Route) -> Route:
 
 
 def check_routes(job: Job, routes: list[Route]) -> list[Route]:
-    """Return the routes with the clearances of an arm in metres, and for robots in space with first collisions."""
+    """Return routes of an arm with their clearances in metres, and for an arm in space with their first collisions.
+
+    A route is the path of one start at one weight k; routes of robots without a fixed base are returned unchanged.
+    """
     if job.scene.robot.base is None:
         return routes
     checked = []
@@ -93,10 +98,11 @@ def check_routes(job: Job, routes: list[Route]) -> list[Route]:
 
 
 def timed_by_robot(job: Job, routes: list[Route]) -> list[Route]:
-    """Return shortened routes with times within the velocity limits of the scene's robot.
+    """Return routes, shortened and timed within the velocity limits of the scene's robot.
 
-    Routes that reach no goal, and all routes of a robot without own limits, are returned unchanged. If a moving joint
-    has no limit, a message says so, and the routes are shortened only.
+    A route is the path of one start at one weight k. Routes that reach no goal, and all routes of a robot whose
+    description has no velocity limits, are returned unchanged. If a joint that moves has no limit, a message is
+    printed, and the routes are shortened but get no times.
     """
     if job.scene.robot.velocity_limits is None:
         return routes
@@ -115,7 +121,10 @@ def timed_by_robot(job: Job, routes: list[Route]) -> list[Route]:
 
 
 def write_trajectories(folder: Path, routes: list[Route]) -> dict[str, str]:
-    """Write every route with times to files of its own in `folder`; return descriptions of the files by file name."""
+    """Write every timed route that reaches a goal to a YAML, a CSV and a JSON file in `folder`.
+
+    A route is the path of one start at one weight k. Returns the descriptions of the files by file name.
+    """
     from resgrid.planning.time_parameterization import Trajectory
 
     files = {}

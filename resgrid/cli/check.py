@@ -225,8 +225,8 @@ def agreement_data(agreement: Agreement) -> dict[str, Any]:
     """Return the comparison of a deck with its simulation as a dictionary for JSON.
 
     The keys are the fields of `Agreement`. ``worst`` is a list of dictionaries with the keys ``node``, ``expected`` and
-    ``got`` (both in volts); ``as_read`` holds such a dictionary for the circuit that resgrid reads from the deck, or
-    None.
+    ``got`` (both in volts). If the simulator did not run the deck itself, ``as_read`` holds the comparison for the
+    circuit that resgrid reads from the deck, with all of these keys; otherwise it is None.
     """
     data = dataclasses.asdict(agreement)
     data["worst"] = [{"node": node, "expected": expected, "got": got} for node, expected, got in agreement.worst]

@@ -157,9 +157,9 @@ def _open(job: Job) -> Study:
 
 
 def _analyse(name: str, study: Study, effort: Effort, work: Path) -> Section:
-    """Return the report section of the analysis `name`, and draw its pictures into the folder `work`.
+    """Return the report section of the analysis `name`, and write its pictures as PNG files to the folder `work`.
 
-    `study`: the chip to analyse; `effort`: limits of the numbers of trials and of the time.
+    `study`: the chip to analyse; `effort`: limits of the numbers of trials and of the computing time.
     """
     from resgrid.chip.report import report_section, seconds_needed
     from resgrid.plot.figures import save_figure

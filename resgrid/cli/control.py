@@ -27,9 +27,9 @@ FRAMES = 120
 
 
 def _control_options(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a function with an added option for every key of the ``[control]`` table except ``k``.
+    """Return `function`, a subcommand, with an added option for every key of the ``[control]`` table except ``k``.
 
-    All subcommands have an option for ``k``.
+    The option for ``k`` is shared by all subcommands and added elsewhere.
     """
     hints = get_type_hints(Control)
     for key, (_, meaning) in reversed(described_keys(Control).items()):

@@ -57,7 +57,7 @@ The subcommand is the object ``command`` of the module of its name.
 
 
 _GC_THRESHOLD = 50_000
-"""Number of new objects that triggers a garbage collection while a subcommand runs; Python's default is 700."""
+"""Garbage collection threshold while a subcommand runs: allocated minus freed container objects; Python: 700."""
 
 
 class SubcommandGroup(click.Group):

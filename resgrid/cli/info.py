@@ -62,9 +62,10 @@ def command(source: CommandInput | None, schema: bool, shipped: bool, versions: 
 def describe(job: Job) -> dict[str, Any]:
     """Return the description of a scene as a dictionary for JSON.
 
-    Keys: the scene's keys such as ``title``, ``axes`` and ``starts``; ``map``: result of `describe_map`, or None;
-    ``sketch`` and ``sketch_...``: rows of letters with their range and meaning, None unless there are two axes;
-    ``cells``, ``free_cells``, ``obstacle_cells`` and so on: counts; and the keys of the size of the circuit (`_cost`).
+    Keys: the scene's keys such as ``title``, ``axes`` and ``starts``; ``map``: dictionary on how the map was read, None
+    without a map; ``sketch`` (rows of letters), ``sketch_lower``, ``sketch_upper`` (corners of the shown part) and
+    ``sketch_key`` (meaning of the letters), None unless there are two axes; numbers of cells, such as ``free_cells``,
+    and of ``goals``; ``nodes``, ``resistors`` and ``memory_bytes`` of the circuit.
     """
     from resgrid.cli.sketch import sketch
     from resgrid.scene.maps.formats import describe_map
@@ -108,8 +109,8 @@ def describe(job: Job) -> dict[str, Any]:
 def _cost(job: Job) -> dict[str, Any]:
     """Return the size of the circuit as a dictionary for JSON: ``nodes``, ``resistors`` and ``memory_bytes``.
 
-    ``memory_bytes`` is the estimated memory of a solution. If the scene has no single circuit, the values are None, and
-    the key ``no_circuit`` holds the reason.
+    ``memory_bytes`` is the estimated memory of a solution. If the scene has no goal, or several circuits, the values
+    are None, and the key ``no_circuit`` holds the reason as text.
     """
     from resgrid.circuit.equations import assemble
     from resgrid.scene.sampling import with_coordinates
@@ -130,8 +131,9 @@ def _cost(job: Job) -> dict[str, Any]:
 def describe_deck(deck: Circuit) -> dict[str, Any]:
     """Return the description of a deck as a dictionary for JSON.
 
-    Keys: those of `deck_data`; ``smallest_resistance`` and ``largest_resistance`` in ohms, or None; ``shorts``: number
-    of resistors of 0 ohm and sources of 0 V; ``supply_volts``: different source voltages; ``floating_nodes``: number;
+    Keys: those of `deck_data`; ``smallest_resistance`` and ``largest_resistance``: range of the resistances above 0, in
+    ohms, None without one; ``shorts``: number of resistors of 0 ohm and sources of 0 V; ``supply_volts``: different
+    source voltages except 0, at most 100; ``floating_nodes``: number of nodes without a connection to ground;
     ``ngspice_seconds`` and ``ngspice_memory_bytes``: estimated cost of a simulation.
     """
     import numpy as np
@@ -209,7 +211,7 @@ def installed_versions() -> dict[str, str | None]:
 
 
 _ROWS = "its top row at the largest y: y points up"
-"""Order of the cells of a map that is a picture or has rows of text."""
+"""Text of the report on the order of the cells in a map that is a picture or has rows of text."""
 
 _ORDERS = {
     "npy": "its first index along x: y points up",
@@ -217,7 +219,7 @@ _ORDERS = {
     "octomap": "in the coordinates of the file",
     "point_cloud": "voxels that contain a point, in the coordinates of the file",
 }
-"""Order or coordinates of the cells of other formats than pictures, by name of the format."""
+"""Texts of the report on the order or the coordinates of the cells in other maps, by name of the format."""
 
 
 def _map_lines(data: dict[str, Any]) -> Iterable[str]:

@@ -247,7 +247,10 @@ def with_method(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def folder_of(output: str | None, source: CommandInput, end: str = "") -> Path:
-    """Return the output folder: `output`, or by default the input's name with the suffix `end`, in ``out``."""
+    """Return the output folder: `output`, or by default ``out/NAME`` with the input's name followed by `end`.
+
+    Raises InputError for ``-``, because standard output cannot hold several files.
+    """
     if output == "-":
         raise InputError("-o -: the results are several files; name a folder")
     stem = "scene" if source.file == "-" or "://" in source.file else Path(source.file).stem
@@ -295,12 +298,15 @@ def _source(file: str, keys: dict[str, Any], of_map: Mapping[str, Any], of_deck:
 
 
 def _shown(value: Any) -> str:
-    """Return the value of a changed key as on the command line: numbers separated by commas."""
+    """Return the value of a scene key as text as on the command line; entries of a list are separated by commas."""
     return ",".join(map(_shown, value)) if isinstance(value, list | tuple) else f"{value}"
 
 
 def _cells(key: str, places: Sequence[tuple[float, ...]]) -> dict[str, list[tuple[int, ...]]]:
-    """Return ``{"<key>_cell": places}`` with integer `places` (key: goal or start); raise InputError for fractions."""
+    """Return the scene key for places that are given as cells: a dict from ``goal_cell`` or ``start_cell`` to indices.
+
+    `key`: "goal" or "start"; `places`: cell indices as floats. Raises InputError for fractions.
+    """
     for place in places:
         if not all(number.is_integer() for number in place):
             text = ",".join(f"{number:g}" for number in place)

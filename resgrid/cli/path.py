@@ -137,7 +137,10 @@ def command(
 
 
 def _report_speed_masks(scene: rg.Scene, *, timed: bool) -> None:
-    """Print that the speed limits of a scene's masks have no effect on paths without times."""
+    """Print that the speed limits of a scene's masks are ignored, if there are any and the paths get no times.
+
+    `timed`: whether the paths get times.
+    """
     if not timed and any(mask.kind == "speed" for mask in scene.mask):
         say("ignored: the speed limits of masks, which apply to timed paths; add --speed")
 
@@ -165,9 +168,11 @@ def _write(routes: Sequence[Route], output: str, fixed_joints: bool) -> bool:
 def _is_timed(
     job: Job, output: str | None, speed: tuple[float, ...], acceleration: tuple[float, ...], rate: float | None
 ) -> bool:
-    """Return whether paths get times: with --speed, or within a robot's own limits for options or files that need them.
+    """Return whether paths get times.
 
-    Raises InputError for --acceleration or --rate without --speed if the robot has no limits of its own.
+    They do with --speed. A robot whose description has velocity limits does not need --speed: its paths also get times
+    with --acceleration or --rate, and for an output file of ROS (.yaml). For other robots these two options without
+    --speed raise InputError.
     """
     has_limits = job.scene.robot.velocity_limits is not None
     for option, given in (("--acceleration", bool(acceleration)), ("--rate", rate is not None)):
@@ -204,11 +209,11 @@ def _timed(
     rate: float | None,
     masks: Sequence[rg.Mask],
 ) -> Route:
-    """Return a route whose path is replaced by a path with times.
+    """Return a route (path of one start at one weight k) whose path is replaced by a path with times.
 
-    `speed`, `acceleration`: largest values in axis units per s and s², one for all coordinates or one for each; those
-    of the robot if they are empty; `rate`: sampling rate in hertz, None for no sampling; `masks`: masks of the scene,
-    for their speed limits.
+    `speed`, `acceleration`: largest values in axis units per s and s², one for all coordinates or one for each, empty
+    for the limits of the robot; `rate`: number of points of the path per second, None for its own points; `masks`:
+    masks of the scene, for their speed limits.
     """
     velocity, change = (limits[0] if len(limits) == 1 else limits for limits in (speed, acceleration))
     motion = rg.time_parameterize(

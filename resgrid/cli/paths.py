@@ -91,9 +91,9 @@ def _failure(route: Route) -> tuple[object, ...]:
 
 
 def _reached_line(route: Route) -> str:
-    """Return the line of text for a route that reaches a goal, with the lengths and clearances.
+    """Return the line of text for a route (path of one start at one weight k) that reaches a goal.
 
-    The values are those of the written path and of its streamline.
+    The line contains length and clearance of the path and, if it was shortened or timed, those of its streamline.
     """
     path = route.streamline
     assert path is not None and path.goal is not None
@@ -111,7 +111,10 @@ def _reached_line(route: Route) -> str:
 
 
 def _workspace_text(route: Route) -> str:
-    """Return the distance of an arm from a collision, or its first collision, as the continuation of a line of text."""
+    """Return the smallest distance of an arm from a collision, or its first collision, as the end of a line of text.
+
+    The text is empty for a route without a known distance that was not tested for collisions.
+    """
     distance = route.workspace_clearance
     hit = route.collision
     if hit is not None:
@@ -175,9 +178,10 @@ def _require_own_map(job: Job, queries: Sequence[MovingAIScenario], file: str) -
 def _answers(job: Job, query: MovingAIScenario, file: str) -> list[dict[str, Any]]:
     """Return the JSON data of the paths for one query, one dictionary per weight k.
 
-    Keys: ``outcome``, ``k``, ``length`` (None if the goal is blocked), ``clearance``, ``start`` and ``goal_cell`` (cell
-    indices) and ``optimal_length``.  The circuits are solved with the query's goal as the only goal.  `file`: scenario
-    file, for messages.
+    Keys: ``outcome``, ``k``, ``length``, ``clearance``, ``start`` and ``goal_cell`` (cell indices), and
+    ``optimal_length`` (of the scenario file).  The circuits are solved with the query's goal as the only goal.  For a
+    goal in an obstacle there is one dictionary, with None for ``k`` and ``length``, without ``clearance``.  `file`:
+    scenario file, for messages.
     """
     from resgrid.planning.any_field import path_of
 

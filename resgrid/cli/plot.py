@@ -79,7 +79,7 @@ def draw_all(folder: Path, job: Job, plan: Plan) -> dict[str, str]:
 def _album(job: Job, plan: Plan) -> Iterator[tuple[str, str, str, AnyField | None]]:
     """Yield file name, caption, kind (a name in `PICTURES`) and field of each picture that ``resgrid run`` draws.
 
-    The field is None for a picture of all paths, of the robot or of the circuit.
+    The file name has no suffix.  The field is None for a picture of all paths, the robot, the cells or the circuit.
     """
     several = len(plan.fields) > 1
     for number, field in enumerate(plan.fields if job.space.ndim <= PAGE_AXES else ()):
@@ -150,9 +150,10 @@ def _title(job: Job, plan: Plan, field: AnyField) -> str:
 
 
 def _draw_robot(job: Job, plan: Plan) -> Any:
-    """Return the picture of the robot along its first path in the workspace, as axes or a figure.
+    """Return the picture of the robot along its first path that reaches a goal, in the workspace, as a figure.
 
-    The figure of a space with two axes also shows the path in configuration space.
+    The figure of a space with two axes also shows the path in configuration space.  Without such a path, an arm in
+    space is drawn at its start, and InputError is raised for other robots, and for points and discs.
     """
     if job.scene.robot.moves_in_workspace:
         raise InputError(

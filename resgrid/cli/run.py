@@ -96,7 +96,7 @@ def _compile_last_kernels() -> Iterator[None]:
 def _described(job: Job, op: rg.OperatingPoint) -> rg.OperatingPoint:
     """Return the operating point of the circuit that a deck describes: the chip with its imperfections.
 
-    `op`: operating point of the ideal grid, which is returned if the chip has no imperfections.
+    `op`: operating point of the ideal grid, returned unchanged if the chip has no imperfections.
     """
     found = op.netlist.space_map
     return op if job.is_ideal or found is None else job.solve(found.wiring)

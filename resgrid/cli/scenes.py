@@ -236,7 +236,7 @@ def _load_numba() -> None:
 
 
 def _observe(name: str, function: Callable[..., Any], *arguments: Any, iterates: bool = False, **options: Any) -> Any:
-    """Call a function of the library as a stage with a progress bar, and return the function's value.
+    """Call a function of the library as a stage (step of a subcommand) with a progress bar, and return its value.
 
     `name`: name of the stage; `arguments`: arguments of the function; `iterates`: whether the function takes a keyword
     ``progress``, a function that is called in every iteration; `options`: further keywords of `terminal.compute`.
@@ -296,8 +296,9 @@ def solution_summary(name: str, op: rg.OperatingPoint, space: rg.ConfigurationSp
     """Return the summary of an operating point as a dictionary for JSON.
 
     Keys: ``chip`` (the name of the circuit), counts (``nodes``, ``resistors`` and those of `free_counts`), ``power`` in
-    watts, ``seconds`` by stage, and fields of `OperatingPoint` such as ``kcl_residual``; the bound ``entry_error`` is
-    None if infinite.  `name`: name of the circuit; `space`: space from which the circuit was compiled.
+    watts, ``seconds`` by stage, and fields of `OperatingPoint` such as ``kcl_residual``; ``entry_error``, the bound on
+    the relative error of every voltage, is None without a finite bound.  `name`: name of the circuit; `space`: space
+    from which the circuit was compiled.
     """
     return {
         "chip": name,

@@ -70,8 +70,8 @@ def sketch(
 def _window(space: rg.ConfigurationSpace, unseen: NDArray[np.bool_]) -> tuple[slice, slice]:
     """Return the ranges of cells to show along both axes.
 
-    The ranges cover the grid, or, if most cells are unknown, the bounding box of the known cells with a margin.
-    `unseen`: mask of obstacle cells of unknown occupancy, shape of the space.
+    The ranges cover the grid, or, if more than half of the cells are unknown, the bounding box of the known cells with
+    a margin.  `unseen`: mask of obstacle cells of unknown occupancy, shape of the space.
     """
     import numpy as np
 
@@ -88,6 +88,9 @@ def _window(space: rg.ConfigurationSpace, unseen: NDArray[np.bool_]) -> tuple[sl
 
 def _letters(space: rg.ConfigurationSpace, unseen: NDArray[np.bool_], window: tuple[slice, slice]) -> NDArray[np.str_]:
     """Return the letters (columns, rows from below) of the cells in a window, resampled to the size of the sketch.
+
+    A letter stands for a block of cells: "G" with a goal cell, "?" all unknown, "#" all obstacles, "." no obstacle, "+"
+    otherwise.
 
     `unseen`: mask of obstacle cells of unknown occupancy, shape of the space; `window`: ranges of cells along both
     axes.

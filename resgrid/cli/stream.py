@@ -137,7 +137,10 @@ def _report_ignored(report: StreamReport) -> dict[str, list[str]]:
 
 
 def _lines(report: StreamReport) -> list[str]:
-    """Return the summary of a report as lines of text, with one reason for each outcome without a certified path."""
+    """Return the summary of a report as lines of text: counts, reasons, solution methods, and times per frame.
+
+    Each outcome without a certified path has a line with its first reason.
+    """
     lines = [f"{counted(report.frames, 'frame')}: {report.reached} with a certified path"]
     columns = (report.table[name] for name in ("frame", "outcome", "certified", "reason"))
     seen = set[str]()

@@ -148,8 +148,8 @@ class Stage:
     def follow(self, _steps: int, residual: float, seconds_left: float | None) -> None:
         """Record the relative residual of an iteration and the estimated remaining time.
 
-        `residual`: residual norm relative to the right-hand side; `seconds_left`: remaining time in seconds, None if
-        unknown.
+        `residual`: residual norm relative to that at the start of the iteration; `seconds_left`: remaining time in
+        seconds, None if unknown; the first argument, the number of iterations, is ignored.
         """
         self._note = f"residual {residual:.0e}  "
         self._seconds = None if seconds_left is None else time.perf_counter() - self._begin + seconds_left
@@ -164,7 +164,10 @@ class Stage:
         return min((time.perf_counter() - self._begin) / self._seconds, 0.99) if self._seconds else None
 
     def status(self) -> str:
-        """Return text with intermediate results and the remaining time, or the elapsed time if it is unknown."""
+        """Return a text with intermediate results and the remaining time.
+
+        If the remaining time is unknown, or the stage takes longer than estimated, the text has the elapsed time.
+        """
         elapsed, fraction = time.perf_counter() - self._begin, self.fraction()
         if not fraction:
             return f"{self._note}{elapsed:.0f} s so far"

@@ -15,8 +15,8 @@ MANY_CELLS = 2**15
 def workers_for(scene: rg.Scene, cells: int) -> AbstractContextManager[Executor | None]:
     """Return a context that yields an executor on all cores, or None if worker processes would not save time.
 
-    They save time if the cells of a robot in space are proven free (sampling "conservative"). `cells`: number of cells
-    of the space.
+    They save time for a robot in space with the sampling "conservative", which proves cells free, in a space of at
+    least `MANY_CELLS` cells. `cells`: number of cells of the space.
     """
     is_long = scene.robot.workspace_ndim == 3 and scene.sampling == "conservative" and cells >= MANY_CELLS
     return rg.open_executor("processes") if is_long and (os.cpu_count() or 1) > 1 else nullcontext()

@@ -1,4 +1,4 @@
-"""Pictures: functions that draw a value on an ax and return the ax; `save_figure` writes a picture to a file.
+"""Pictures: functions that draw a value on matplotlib axes (`ax`) and return them; `save_figure` writes a file.
 
 Only this package imports matplotlib.
 

@@ -72,9 +72,9 @@ def animate(
     Parameters
     ----------
     value : Run, Trajectory or Wavefront
-        A run is shown in its workspace with contact forces and, with two axes, in configuration space, with the mode in
-        the title.  A trajectory of an arm in space is shown among the obstacles of `scene`.  A wavefront must have a
-        space with two axes, and is shown at each of its times.
+        A run is shown in its workspace with contact forces and, with two axes, in configuration space; the title states
+        the control mode.  A trajectory of an arm in space is shown among the obstacles of `scene`.  A wavefront must
+        have a space with two axes, and is shown at each of its times.
     file : path-like
         The suffix ``.gif`` or ``.mp4`` selects the format; MP4 needs ffmpeg.  The file is written atomically.
     run : Run, optional
@@ -124,10 +124,10 @@ def animate(
 
 
 def _frames(value: Run | Wavefront | Trajectory, count: int, run: Run | None, scene: Scene | None) -> Iterator[Figure]:
-    """Return an iterator over the figures of the frames of a value, without the file.
+    """Return an iterator over the figures of an animation's frames; no file is written.
 
-    `count`: number of frames; `run`: robot that is marked on a wavefront, None for no robot; `scene`: scene of a
-    trajectory.
+    `count`: number of frames of a run or a trajectory; `run`: motion of the robot that is marked on a wavefront, None
+    for no robot; `scene`: scene with the arm of a trajectory and its obstacles.
     """
     if isinstance(value, Wavefront):
         return _wavefront_frames(value, run)
@@ -195,9 +195,10 @@ def _packed(frame: Image.Image) -> NDArray[np.uint32]:
 def _palette(frames: Iterator[NDArray[np.uint32]]) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
     """Return a palette of at most 255 colours, and the palette index of the nearest colour for every colour.
 
-    Half of the palette are the most frequent colours, counted over the pixels that change between frames; the others
-    are the colours farthest from all chosen ones.  `frames`: colours (height, width) as integers ``0xRRGGBB``.  Returns
-    the palette (n, 3), RGB from 0 to 255, and the indices (2**24,), indexed by the colour's integer.
+    Half of the palette are the most frequent colours, counted over the pixels that change between frames; each of the
+    others is the colour with the largest distance, in RGB coordinates, from all colours chosen before.  `frames`:
+    colours (height, width) as integers ``0xRRGGBB``.  Returns the palette (n, 3), RGB from 0 to 255, and the palette
+    index of every colour, shape (2**24,), indexed by the colour's integer; 0 for colours that no frame contains.
     """
     from scipy.spatial import KDTree
 
@@ -245,8 +246,8 @@ def _run_frames(run: Run, count: int) -> Iterator[Figure]:
 def frame_rows(run: Run, count: int) -> NDArray[np.int64]:
     """Return the row indices (n,) of a run's log that are shown as frames, ascending.
 
-    The rows are those of `count` evenly spaced times, the last row, and the rows in which control learns obstacle
-    cells.
+    The rows are those of `count` evenly spaced times, the last row, and the first `count` rows in which control learns
+    obstacle cells.  Of more than 588 rows, only the first 588 are returned.
     """
     times = np.linspace(run.time[0], run.time[-1], count)
     rows = np.searchsorted(run.time, times).clip(0, len(run.time) - 1)
@@ -257,8 +258,8 @@ def frame_rows(run: Run, count: int) -> NDArray[np.int64]:
 def _workspace(run: Run, axes: Axes) -> Callable[[int], list[Artist]]:
     """Draw the parts of a workspace that do not move; return a function that draws the moving parts of one frame.
 
-    The function takes the index of a row of the run's log, draws the robot and the contact forces, and returns their
-    matplotlib artists.  `axes`: matplotlib axes to draw on.
+    The function takes the index of a row of the run's log, draws the robot, the path of its reference point so far and
+    the contact forces, and returns the matplotlib artists.  `axes`: matplotlib axes to draw on.
     """
     robot, contacts = scene_of(run).robot, run.contacts
     draw_robot(run.configuration[:1], scene_of(run), axes, ghosts=1)
@@ -307,7 +308,7 @@ def _configurations(run: Run, axes: Axes) -> Callable[[int], list[Artist]]:
 def _wavefront_frames(front: Wavefront, run: Run | None) -> Iterator[Figure]:
     """Yield the figure of a wavefront (spread of a map change through the grid), redrawn for each of its times.
 
-    `run`: motion of a robot whose position at this time is marked, None for no robot.
+    `run`: motion of a robot whose position and path until each time are drawn, None for no robot.
     """
     if len(front.cells) > MOST_FRAMES:
         raise InputError(

@@ -46,12 +46,15 @@ _HIDDEN_DEPTH = 0.02
 
 
 _NOWHERE = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-"""Lower and upper corner of an empty box, in which half-spaces have no surface."""
+"""Lower and upper corner of a box of size 0, to which half-spaces are cut when the limits of a picture are computed.
+
+A half-space has no surface in this box, so that it does not extend the limits.
+"""
 
 _BEHIND = 0.002
-"""Distance in metres by which each pose of the robot is moved back behind the previous pose along the path.
+"""Distance in metres by which each pose along the path is drawn farther from the camera than the previous pose.
 
-Links at the same place in several poses are then drawn in one colour.
+Links at the same place in several poses are then drawn in the colour of the first of these poses.
 """
 
 
@@ -142,7 +145,7 @@ class ArmPicture(SpaceView):
         return group if not behind else replace(group, triangles=group.triangles + behind * self.camera.rotation[2])
 
     def fixed(self, shapes: Sequence[Shape]) -> _Group:
-        """Return the triangles of obstacles or goal regions."""
+        """Return the triangles of obstacles or goal regions; half-spaces are cut to the shown box."""
         (x0, y0, z), (x1, y1, _) = self.floor_corners[[0, 3]].tolist()
         box = ((x0, y0, z), (x1, y1, float(self.upper[2])))
         return _group(shape_surfaces(shapes, "shape", box), np.empty((0, 4, 4)))
@@ -214,8 +217,8 @@ class ArmPicture(SpaceView):
 def draw_arm_scene(scene: Scene, ax: Axes | None = None, *, camera: Camera | None = None) -> Axes:
     """Draw the arm of a scene at its first start, with obstacles and goals, in space; return the axes.
 
-    Without a start, the arm is drawn in the middle of its axes. `ax`: axes to draw on, by default those of a new
-    figure; `camera`: direction of the view.
+    Without a start, every joint is drawn in the middle of its range. `ax`: axes to draw on, by default those of a new
+    figure; `camera`: direction of the view, None for the default `Camera()`.
     """
     starts = np.reshape(scene.starts, (-1, scene.ndim))
     middle = [[(axis.lower + axis.upper) / 2 for axis in scene.axes]]
@@ -235,8 +238,9 @@ def draw_arm(
 ) -> Axes:
     """Draw poses of an arm along a path, its surroundings and the path of its tool in space; return the axes.
 
-    `path`: path, or configurations (n, ndim) in the world; `ax`: axes to draw on, by default those of a new figure;
-    `ghosts`: number of poses; `camera`: direction of the view.
+    `path`: path, or configurations (n, ndim) in world coordinates; `ax`: axes to draw on, by default those of a new
+    figure; `ghosts`: largest number of poses, 1 to 1000, start and end included; `camera`: direction of the view, None
+    for the default `Camera()`.
     """
     motion = dense_motion(path, scene)
     shown = poses_along(motion, scene, ghosts)
@@ -285,9 +289,9 @@ def draw_tool_paths(paths: Sequence[AnyPath], scene: Scene, ax: Axes | None = No
 
 
 def _prepared(picture: ArmPicture, ax: Axes | None) -> Axes:
-    """Return axes on which everything behind the image of a picture is drawn.
+    """Return axes with limits, floor grid, arrows along x, y and z, and legend entries, before bodies are drawn.
 
-    `ax`: given axes, None for a new figure.
+    `picture`: gives limits and floor; `ax`: axes to draw on, None for those of a new figure.
     """
     window = picture.window
     axes = axes_or_new(ax, (window.top - window.bottom) / (window.right - window.left))

@@ -25,8 +25,9 @@ _MASK, _COPPER, _GOLD, _TIN = "#1f4d36", "#4f7a3f", "#d9b13b", "#c8c8c8"
 def draw_board(board: Board, ax: Axes, side: Literal["plan", "front", "back"] = "plan") -> Axes:
     """Draw the plan of a board's cells, or the board from the front or the back; return the axes.
 
-    The plan of a board with jumpers shows the letter of each solder bridge: ``O`` to the obstacle rail, ``G`` to the
-    goal rail. The plan of a fixed board shows the expected voltages. Starts have a blue frame.
+    In the plan of a board with jumpers (solder bridges that select obstacles and goals), a letter in a cell marks the
+    bridge to close: ``O`` to the obstacle rail, ``G`` to the goal rail. The plan of a board without jumpers shows the
+    expected voltages in volts. Starts have a blue frame.
 
     `board`: the board; `ax`: axes to draw on; `side`: "plan"; or "front" or "back" for copper, pads and printed texts.
     """
@@ -76,10 +77,10 @@ def _draw_side(board: Board, ax: Axes, side: str) -> Axes:
 
 
 def _write(ax: Axes, words: str, at: tuple[float, float], height: float, turn: int, align: str) -> None:
-    """Write a printed text; `words`: the text.
+    """Write a printed text of the board.
 
-    `at`: place (x, y) in mm; `height`: of its letters, in points; `turn`: rotation in degrees; `align`: side of the
-    text at the place: "left", "right", or "" for the centre.
+    `words`: the text; `at`: reference point (x, y) in mm; `height`: height of the letters, in points; `turn`: rotation
+    in degrees; `align`: which part of the text lies at the reference point: "left", "right", or "" for the centre.
     """
     anchor = align or "center"
     ax.text(*at, words, fontsize=1.15 * height, rotation=turn, ha=anchor, va="center", color="white", zorder=7)
@@ -110,7 +111,7 @@ def _points_per_unit(ax: Axes) -> float:
 
 
 def _draw_plan(board: Board, ax: Axes) -> Axes:
-    """Draw the cells of a board with solder bridges or expected voltages; return the axes."""
+    """Draw the plan of a board: cells with the letters of closed bridges or the expected voltages; return the axes."""
     cell = board.circuit.space.cell
     columns, rows = cell.shape
     ax.set_xlim(-1.0, columns)
@@ -137,7 +138,10 @@ def _draw_plan(board: Board, ax: Axes) -> Axes:
 
 
 def _draw_cell(board: Board, ax: Axes, at: tuple[int, int], kind: Cell, points: float) -> None:
-    """Draw one cell; `at`: its column and row; `kind`: free, obstacle or goal; `points`: width of a cell in points."""
+    """Draw one cell of the plan, with its letter or its voltage if the cell is large enough.
+
+    `at`: column and row of the cell; `kind`: free, obstacle or goal; `points`: width of a cell in points.
+    """
     is_plan = board.kind == "jumpers"
     colours = {Cell.OBSTACLE: OBSTACLE, Cell.GOAL: GOAL, Cell.FREE: "white"}
     ax.add_patch(
@@ -153,7 +157,7 @@ def _draw_cell(board: Board, ax: Axes, at: tuple[int, int], kind: Cell, points: 
 
 
 def _title(board: Board) -> str:
-    """Return the title of the picture of a board's cells."""
+    """Return the title of the plan: the board's title, and the number of bridges to close or the supply voltage."""
     count = len(board.closed)
     if board.kind == "jumpers":
         bridges = "1 bridge" if count == 1 else f"{count} bridges"

@@ -34,7 +34,7 @@ from resgrid.scene.chip import Chip
 from resgrid.scene.table_models import described_keys
 
 _MOST_LABELS = 80
-"""Largest number of points of a sweep whose values are written as text."""
+"""Largest number of points of a sweep for which the yield at every point is also written as a number."""
 _CONTOUR = "#E69F00"
 _FRACTIONS = {"mismatch", "defects.open_density", "defects.short_density"}
 """Keys of a chip with dimensionless fractions, which are labelled in per cent."""
@@ -50,10 +50,10 @@ def draw_settled(result: Settling, ax: Axes | None = None, *, quantity: Literal[
 
 
 def draw_settling_curve(result: Settling, ax: Axes | None = None) -> Axes:
-    """Draw the largest distance of a node voltage from its final value over time; return the axes.
+    """Draw the largest distance of a node voltage from its final value over time, in volts; return the axes.
 
-    A second curve is the exponential of the slowest time constant.  `ax`: axes to draw on, by default those of a new
-    figure.
+    A second curve decays with the slowest time constant; a horizontal line marks half a step of the read-out's
+    converter, at which the chip counts as settled.  `ax`: axes to draw on, by default those of a new figure.
     """
     axes = axes_or_new(ax, 0.7)
     band = result.span / 2.0 ** (result.bits + 1)
@@ -181,10 +181,10 @@ def _largest(result: ADCResolution) -> float:
 
 
 def draw_sweep(result: Sweep, ax: Axes | None = None, *, share: float = 0.99) -> Axes:
-    """Draw the yield over two parameters of a chip, with contours; return the axes.
+    """Draw the yield (mean fraction of served starts) over two parameters of a chip, with contours; return the axes.
 
-    `ax`: axes to draw on, by default those of a new figure; `share`: required fraction of starts; for each value of the
-    first parameter, the smallest sufficient value of the second parameter is marked.
+    `ax`: axes to draw on, by default those of a new figure; `share`: required yield, 0 to 1: for each value of the
+    first parameter, the smallest value of the second parameter with at least this yield is marked.
     """
     axes = axes_or_new(ax, 0.8)
     values = 100.0 * result.share.T
@@ -219,7 +219,7 @@ def draw_sweep(result: Sweep, ax: Axes | None = None, *, share: float = 0.99) ->
 def _mark_cheapest(result: Sweep, share: float, axes: Axes) -> None:
     """Mark the smallest value of the second parameter that serves the fraction `share` of the starts.
 
-    There is one mark for each value of the first parameter for which a sufficient value exists.
+    There is one mark for each value of the first parameter; none if no value of the second parameter suffices.
     """
     marks = [(column, value) for column, value in enumerate(result.cheapest(share)) if value is not None]
     if marks:

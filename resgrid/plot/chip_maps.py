@@ -55,7 +55,11 @@ _POWER = {"heat": ("heat per cell", "W"), "droop": ("droop of rail cells", "V")}
 
 
 def draw_settling(result: Settling, ax: Axes | None = None) -> Axes:
-    """Draw a map of the settling time of every cell, in seconds; return the axes (`ax`, or those of a new figure)."""
+    """Draw a map of the settling time of every cell, in seconds; return the axes (`ax`, or those of a new figure).
+
+    From its settling time on, the voltage of a cell differs from its final value by at most half a step of the
+    converter.
+    """
     values = _of_free_cells(result.netlist.cells, result.node_time)
     axes = draw_map(result.netlist.cells.space, values, ax, f"time to settle to {result.bits} bits", "s")
     settled, slowest = (format_quantity(t, "s", 3) for t in (result.settle_time, float(result.time_constants[0])))
@@ -85,10 +89,10 @@ def draw_noise(
 
 
 def draw_power(result: Power, ax: Axes | None = None, *, quantity: Literal["heat", "droop"] = "heat") -> Axes:
-    """Draw the heat per cell with the hottest resistors, or the voltage droop of rail cells; return the axes.
+    """Draw the heat of every free cell and the hottest resistors, or the droop of the rails; return the axes.
 
-    The droop is the difference of a rail cell's voltage from that of an ideal rail.  `ax`: axes to draw on, by default
-    those of a new figure; `quantity`: "heat" (W) or "droop" (V).
+    The droop is the magnitude of the voltage difference between a cell on a rail (obstacle or goal) and an ideal rail.
+    `ax`: axes to draw on, by default those of a new figure; `quantity`: "heat" (W) or "droop" (V).
     """
     label, unit = _POWER[quantity]
     netlist = result.op.netlist
@@ -180,10 +184,10 @@ def draw_yield(result: Yield, ax: Axes | None = None) -> Axes:
 
 
 def draw_faults(result: FaultAnalysis, ax: Axes | None = None, *, fault: Literal["open", "short"] = "open") -> Axes:
-    """Draw the number of starts that lose their path to a goal by one faulty resistor; return the axes.
+    """Draw, for every resistor, the number of starts that lose their path if only it is faulty; return the axes.
 
     Switches and loads are squares in their cells.  `ax`: axes to draw on, by default those of a new figure; `fault`:
-    "open" or "short".
+    kind of the fault: "open" (no current) or "short" (a small resistance).
     """
     netlist, cells = result.netlist, result.netlist.cells
     plane = plane_of(cells.space)
@@ -287,8 +291,8 @@ def draw_resistors(
 ) -> LineCollection:
     """Draw resistors as lines between cell centres, or from a cell centre to the grid's edge; return the lines.
 
-    `which` (n,): indices of the elements; `faces` (elements,): index of the cell face of every element, -1 for none, by
-    default of the netlist's resistors.
+    `which` (n,): indices of the elements to draw; `faces` (elements,): index of the cell face that each element
+    crosses, negative for an element across no face, which is not drawn; by default those of the netlist's resistors.
     """
     space = netlist.cells.space
     across, index = crossed_faces((netlist.cells.resistor_face if faces is None else faces)[which], space.shape)

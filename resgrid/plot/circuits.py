@@ -46,8 +46,7 @@ HALF = 0.3
 _GAP = 0.5 - HALF
 """Distance between the border of a cell on a rail and the square in this cell, in cell widths."""
 _BAND = 0.5
-"""Width of the band around the grid that is drawn for a rail at the edge, in cell widths, with the gaps on both sides.
-"""
+"""Width of the band around the grid for a rail at the edge, in cell widths, including the gaps inside the band."""
 
 _BODY = 0.36
 """Length of an element's symbol without its leads, in cell widths."""
@@ -135,7 +134,7 @@ def draw_compiled(netlist: Netlist, op: OperatingPoint | None, ax: Axes | None) 
 
 
 def _draw_rails(netlist: Netlist, axes: Axes) -> None:
-    """Draw the areas of the rails with their names, and the cells without a node."""
+    """Draw the areas of the obstacle rail and the goal rails, hatched cells without a node, and names of rail nodes."""
     cells = netlist.cells
     hatched: dict[str, Any] = {"edgecolor": "#999999", "hatch": "////", "linewidth": 0.5, "zorder": 1}
     filled: dict[str, Any] = {"linewidth": 0, "zorder": 2.5}
@@ -154,7 +153,10 @@ def _draw_rails(netlist: Netlist, axes: Axes) -> None:
 
 
 def resistor_note(netlist: Netlist) -> str:
-    """Return the legend entry of the resistors: their values, or the range of more than three different values."""
+    """Return the legend entry of the resistors: their values in ohms, or the range of more than three values.
+
+    If the diagram omits resistors of switches, rails or loads, the entry states their number.
+    """
     drawn = netlist.cells.resistor_face >= 0
     hidden = int(np.count_nonzero(netlist.cells.resistor_face == -1))
     rest = f"; not drawn: {hidden} of switches, rails, loads" if hidden else ""
@@ -170,9 +172,10 @@ def resistor_note(netlist: Netlist) -> str:
 def _draw_seam(
     netlist: Netlist, number: int, terminal: NDArray[np.float64], end: NDArray[np.float64], axes: Axes
 ) -> None:
-    """Draw the terminals of a resistor across a periodic seam, each labelled with the node at the other terminal.
+    """Draw the two open ends of a resistor across a periodic seam, each labelled with the node that it leads to.
 
-    `number`: index of the resistor; `terminal`, `end` (2,): both ends of the drawn resistor, in cell widths.
+    The resistor is drawn at the upper end of the axis, and a wire at the lower end.  `number`: index of the resistor;
+    `terminal` (2,): its open end, `end` (2,): its end in the grid, both in cell widths.
     """
     names = netlist.names_of(netlist.resistor_nodes[number])
     before, after = names if netlist.cells.resistor_upward[number] else names[::-1]
@@ -234,7 +237,7 @@ def _draw_drive(netlist: Netlist, axes: Axes) -> None:
 
 
 def _draw_leaks(netlist: Netlist, axes: Axes) -> None:
-    """Draw an arrow at every node with a leak, from the obstacle rail."""
+    """Draw an arrow to every node with a leak (a resistor to the obstacle rail)."""
     leaks = netlist.cells.leak_cell >= 0
     if leaks.any():
         ohms = format_quantity(float(np.median(1.0 / netlist.conductance[leaks])), "Ω", 3)
@@ -360,9 +363,9 @@ def _bands(shape: tuple[int, ...], railed: list[bool]) -> list[BaseGeometry]:
 
 
 def _area(groups: list[list[BaseGeometry]]) -> BaseGeometry:
-    """Return the union of groups of squares as a polygon.
+    """Return the union of groups of squares as a polygon, in cell widths.
 
-    Each group is first merged and shrunk by `_GAP` cell widths.
+    The squares of a group are first united; then all sides of this union are moved inwards by `_GAP` cell widths.
     """
     joined = [shapely.union_all(group).buffer(-_GAP, join_style="mitre") for group in groups if group]
     return shapely.union_all(joined)

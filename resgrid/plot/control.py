@@ -123,15 +123,19 @@ def scene_of(run: Run) -> Scene:
 
 
 def panel_aspect(run: Run) -> float:
-    """Return height over width of the taller panel of a run's picture; 1 for an arm or a turning robot."""
+    """Return height over width of a panel of a run's picture.
+
+    The result is that of the grid if the two axes are positions in the plane; 1 for an arm or a turning robot.
+    """
     flat = run.space.ndim == 2 and scene_of(run).robot.moves_in_workspace
     return plane_of(run.space).aspect if flat else 1.0
 
 
 def draw_forces(contacts: ContactLog, rows: NDArray[np.int64], axes: Axes, **style: Any) -> list[Artist]:
-    """Draw arrows of contact forces, scaled to the picture's width; return the artists.
+    """Draw arrows of contact forces; return the artists, an empty list without contacts.
 
-    `rows` (n,): indices of the contacts in the log; `style`: options of matplotlib's quiver.
+    The largest force in the whole log has an arrow of 12 % of the width of the axes.  `contacts`: log of contacts;
+    `rows` (n,): indices of the contacts to draw; `style`: options of matplotlib's quiver.
     """
     if not len(rows):
         return []
@@ -173,7 +177,7 @@ def draw_configurations(run: Run, axes: Axes, *, path: bool = True) -> None:
 
 
 def without_rests(configuration: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return configurations (m, ndim) without consecutive repetitions; `configuration` has the shape (n, ndim)."""
+    """Return the rows of `configuration` (n, ndim) that differ from the row before; shape (m, ndim)."""
     keep = np.ones(len(configuration), dtype=np.bool_)
     keep[1:] = np.any(np.diff(configuration, axis=0) != 0.0, axis=1)
     return configuration[keep]
@@ -352,7 +356,7 @@ def draw_wavefront(front: Wavefront, *, shown: Sequence[int] | None = None) -> F
 
 
 def draw_moment(front: Wavefront, row: int, axes: Axes) -> AxesImage:
-    """Draw a wavefront at one time: change of the potential, cells and the new obstacle.
+    """Draw a wavefront at one time: change of the potential, obstacle and goal cells, and the new obstacle.
 
     `row`: index of the time in the wavefront; `axes`: axes to draw on.  Returns the image of the change.
     """
@@ -381,7 +385,10 @@ def draw_change(front: Wavefront, row: int, axes: Axes) -> AxesImage:
 
 
 def add_change_bar(image: AxesImage, axes: Axes) -> None:
-    """Add the colour bar of a wavefront's image, with ticks at zero and at four decades of both signs."""
+    """Add the colour bar of a wavefront's image, with ticks at 0 and at the four largest powers of ten, of both signs.
+
+    `image`: image with the symmetric logarithmic colour scale of `draw_change`; `axes`: axes of the image.
+    """
     add_colour_bar(image, axes, r"change of $\phi$")
     largest = int(np.floor(np.log10(image.norm.vmax or 1.0)))
     decades = 10.0 ** np.arange(largest - 3, largest + 1)

@@ -73,9 +73,10 @@ def _draw_potential(
 ) -> Axes | Figure:
     """Draw the potential and paths; return the axes, or the figure of a space with more than two axes.
 
-    With one axis, a mark on the curve is the start of a path.  `paths`: streamlines; `k`: weight k of the Dirichlet
-    field of each path, None for paths of one field; `ax`, `scale`, `contours`, `axis`, `indices`: options of
-    `draw_field`.
+    With one axis, a mark on the curve is the start of a path.  `ax`: axes to draw on, None for a new figure; `scale`:
+    "linear", "log" (logarithm of the drop) or "auto" (by the range of the drop); `contours`: whether to draw
+    equipotentials; `axis`, `indices`: normal axis and cell indices of slices; `paths`: streamlines; `k`: weight k of
+    the Dirichlet field of each path, None for paths of one field.
     """
     shading = shading_of(field, scale)
     shown = np.where(field.space.cell == Cell.OBSTACLE, np.nan, shading.values)
@@ -167,7 +168,7 @@ def _plane_page(field: Field, paths: Sequence[FieldPath], k: Sequence[float] | N
 
 
 def draw_currents(field: Field, ax: Axes | None = None) -> Axes:
-    """Draw the currents as arrows of equal length, coloured by the logarithm of the magnitude; return the axes.
+    """Draw the currents through cells as arrows of equal length, coloured by log10 of the magnitude; return the axes.
 
     `ax`: axes to draw on, by default those of a new figure.
     """
@@ -202,9 +203,9 @@ class Arrows(NamedTuple):
 def current_arrows(field: Field, block: int) -> Arrows:
     """Return one arrow per block of `block` x `block` cells, for the current through a cell near the block's middle.
 
-    The cell is the goal-connected cell nearest to the middle, the current the mean over opposite faces.  Blocks without
-    current have no arrow.  Currents are averaged relative to the largest current at the cell, because small currents
-    underflow.
+    The cell is the goal-connected cell nearest to the middle.  Along each axis its current is the mean of the currents
+    through the two opposite faces, computed relative to the largest of the four, because small currents underflow.
+    Blocks without current have no arrow.
     """
     cells = nearest_to_middles(field.space.goal_connected, block)
     log_face, sign = _both_faces(field.face_log_current, cells), _both_faces(field.face_direction, cells)

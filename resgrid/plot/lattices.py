@@ -41,10 +41,11 @@ def draw_lattice_field(
 ) -> Axes | Figure:
     """Draw the potential at the sites of a lattice; return the axes, or the figure of a space with three axes.
 
-    Each site of a hexagonal lattice is a hexagon, each site of other lattices its cell.  Small lattices also show their
-    resistors.  `ax`: axes to draw on, by default those of a new figure; `scale`: "linear", "log" (logarithm of the
-    drop) or "auto"; `axis`, `indices`: normal axis and cell indices of the slices of a space with three axes; `paths`:
-    paths to draw; `k`: weight k of the Dirichlet field of each path, None for paths of one field.
+    Each site of a hexagonal lattice is a hexagon, each site of other lattices its cell.  Plane lattices of at most 40
+    sites along an axis also show their resistors.  `ax`: axes to draw on, by default those of a new figure; `scale`:
+    "linear", "log" (logarithm of the drop) or "auto" (by the range of the drop); `axis`, `indices`: normal axis and
+    cell indices of the slices of a space with three axes; `paths`: paths to draw; `k`: weight k of the Dirichlet field
+    of each path, None for paths of one field.
     """
     shading = shading_of(field, scale)
     shows_steps = field.space.ndim == 2 and max(field.lattice.shape) <= _MOST_STEPS
@@ -70,7 +71,8 @@ def draw_lattice_netlist(netlist: Netlist, ax: Axes | None = None) -> Axes:
     """Draw the resistors between the sites of a lattice in the plane; return the axes.
 
     Rings mark the nodes with a contact with the obstacle rail.  `ax`: axes to draw on, by default those of a new
-    figure.  Raise InputError for a lattice in space, or one that is too large.
+    figure.  Raise InputError for a netlist without a lattice, and for a lattice in space or of more than 40 sites along
+    an axis.
     """
     found = netlist.lattice_map
     if found is None or found.space.ndim != 2 or max(found.lattice.shape) > _MOST_STEPS:
@@ -102,7 +104,7 @@ def draw_lattice_netlist(netlist: Netlist, ax: Axes | None = None) -> Axes:
 
 
 def _joined_sites(field: LatticeField) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the points (n, ndim), in axis units, of both ends of all steps with current."""
+    """Return both ends, (n, ndim) each, in axis units, of all resistors between sites that carry a current."""
     starts, ends = [], []
     for step, direction in enumerate(field.step_direction):
         points = field.lattice.points(np.argwhere(direction != 0))
@@ -146,7 +148,7 @@ def _draw_hexagons(lattice: HexagonalLattice, shading: Shading, panel: Panel) ->
 
 
 def _hexagon(lattice: HexagonalLattice) -> NDArray[np.float64]:
-    """Return the corners of the Voronoi cell of a site relative to the site, in axis units, (6, 2)."""
+    """Return the corners (6, 2) of the Voronoi cell of a site, anticlockwise, relative to the site, in axis units."""
     half, row = lattice.pitch / 2.0, lattice.row
     tip = row / 2.0 + half**2 / (2.0 * row)
     side = row - tip

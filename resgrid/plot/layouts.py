@@ -90,8 +90,8 @@ def _layers(layout: Layout) -> dict[str, Sequence[Layer]]:
 def _tile_window(layout: Layout) -> Window:
     """Return the corners x0, y0, x1, y1, in micrometres, of a window around the drawing of one cell near a goal.
 
-    The cell is the closest free cell, outside goals, with resistors to its next neighbours along both axes; if there
-    is none, the closest cell with a node.
+    The cell is the one nearest to the first goal cell among the free cells with resistors to the next cell along both
+    axes; without such a cell, among all cells with a node.
     """
     tile, array = layout.tile, layout.array
     both = (array.along_x >= 0) & (array.along_y >= 0) & (array.region < 0) & ~array.obstacle

@@ -50,7 +50,10 @@ def draw_memristive(
 
 
 def _draw_map(result: MemristiveTransient, cells: CellMap, at: int, ax: Axes | None) -> Axes:
-    """Draw the resistance of every link between two cells; `cells`: cell map; `at`: index of the output time."""
+    """Draw the resistance, in ohms, of every link (parallel memristors) between two cells; return the axes.
+
+    `cells`: cell map of the netlist; `at`: index of the output time; `ax`: axes to draw on, None for a new figure.
+    """
     axes = draw_space(cells.space, ax)
     assert isinstance(axes, Axes)
     number, lower, upper, _ = resistor_ends(cells)
@@ -75,13 +78,16 @@ def _draw_map(result: MemristiveTransient, cells: CellMap, at: int, ax: Axes | N
 
 
 def _range(result: MemristiveTransient) -> tuple[float, float]:
-    """Return the smallest and the largest possible resistance of a link of one or two memristors, in ohms."""
+    """Return the smallest and the largest resistance in ohms that a link of one or two parallel memristors can have."""
     law = result.circuit.law
     return law.on_resistance / 2, law.off_resistance
 
 
 def _draw_states(result: MemristiveTransient, axes: Axes) -> Axes:
-    """Draw the states of the memristors over time, those that change most on top."""
+    """Draw the states of the memristors (0 to 1: conducting) over time; return the axes.
+
+    Of more than 400 memristors, those with the largest change from the first to the last time are drawn.
+    """
     change = np.abs(result.state[-1] - result.state[0])
     shown: NDArray[np.int64] = np.argsort(change)[-_MOST_CURVES:]
     for memristor in shown.tolist():

@@ -29,8 +29,8 @@ def empty_space(scene: Scene) -> ConfigurationSpace:
 def goal_places(scene: Scene) -> NDArray[np.float64]:
     """Return the workspace positions (g, d) of the robot's reference point at goals.
 
-    The number d is 3 for a robot in space, otherwise 2.  Only goals that are points, cells or joint ranges, or poses
-    without a radius, are included.
+    The number d is 3 for a robot in space, otherwise 2.  Included are goals that are points, cells (position at the
+    centre), ranges of joint values (position at their middle), or poses without a radius; regions are omitted.
     """
     places: list[Any] = []
     ndim = scene.robot.workspace_ndim

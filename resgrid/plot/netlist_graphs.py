@@ -36,7 +36,7 @@ _NODES_APART = 2.2
 _HALF_LENGTH, _HALF_SYMBOL = 0.3, 0.18
 """Half the length of an element with its leads, and without them, in drawing units."""
 _LETTER = np.array([0.073, 0.15])
-"""Width and height of a letter of a text, in drawing units."""
+"""Assumed width of a letter and height of a line of text, in drawing units."""
 
 _ELEMENTS = {
     "resistor": ("resistor_nodes", "conductance", "Ω"),
@@ -233,9 +233,10 @@ def _oriented(places: Place) -> Place:
 
 
 def _closeness(edges: NDArray[np.float64]) -> float:
-    """Return the total length over which connections run within 0.3 of other connections, in drawing units.
+    """Return the total length, in drawing units, of parts of connections that lie within 0.3 units of another one.
 
-    `edges` (edges, 2, 2): both ends of each connection of two nodes; the outer 15 % at each end are ignored.
+    `edges` (edges, 2, 2): both ends of each straight connection of two nodes; 15 % of its length at each end are
+    ignored.
     """
     lines = np.array(shapely.linestrings(edges + 0.15 * (edges[:, ::-1] - edges)))
     near = shapely.length(shapely.intersection(lines[:, None], shapely.buffer(lines, 0.3)))
@@ -264,7 +265,7 @@ def _bundles(groups: Groups, place: Place) -> list[Bundle]:
 
 
 def _to_ground(elements: Elements, node: Place, drawn: Shapes) -> Bundle:
-    """Return the parallel elements from a node to ground: downwards if there is room, else into the widest sector.
+    """Return the parallel elements from a node to ground, as a `Bundle`: downwards, or in the direction with more room.
 
     `elements`: kind, value, and whether the first terminal has the higher node index, of each element; `node` (2,):
     position of the node; `drawn`: polygons and lines that the elements should not overlap.
@@ -285,8 +286,8 @@ def _to_ground(elements: Elements, node: Place, drawn: Shapes) -> Bundle:
 def _to_itself(elements: Elements, node: Place, drawn: Shapes) -> Bundle:
     """Return the elements with both ends at one node as nested loops, in the direction with the most room.
 
-    `elements`: kind, value, and orientation of each element; `node` (2,): position of the node; `drawn`: polygons and
-    lines that the elements should not overlap.
+    `elements`: kind, value in SI units, and orientation (False for every loop) of each element; `node` (2,): position
+    of the node; `drawn`: polygons and lines that the loops should not overlap.
     """
     angles = np.pi / 4 * (np.arange(8) + 2)
     choices = [_loop(elements, node, np.array([np.cos(angle), np.sin(angle)])) for angle in angles.tolist()]
@@ -296,7 +297,8 @@ def _to_itself(elements: Elements, node: Place, drawn: Shapes) -> Bundle:
 def _loop(elements: Elements, node: Place, out: Place) -> Bundle:
     """Return nested loops, one per element, with both ends at the position `node` (2,), as a `Bundle`.
 
-    `elements`: kind, value, and orientation of each element; `out` (2,): unit vector from the node to the loops.
+    `elements`: kind, value in SI units, and orientation (False for every loop) of each element; `out` (2,): unit vector
+    from the node to the loops.
     """
     across = np.array([-out[1], out[0]])
     middles = [node + (0.8 + 0.75 * rank) * out for rank in range(len(elements))]
@@ -378,8 +380,8 @@ def _roomiest(choices: list[Shapes], drawn: Shapes, enough: float, within: BaseG
     """Return the index of the entry of `choices` with the largest distance from the shapes that are already drawn.
 
     `choices`: alternative lists of polygons and lines; `drawn`: polygons and lines that are already drawn; `enough`:
-    distance, in drawing units, above which more distance does not count, so that the first such entry is taken;
-    `within`: area that is ignored, such as the common node of the shapes, None for no area.
+    distance, in drawing units, at which larger distances are cut off, so that the first of several such entries is
+    returned; `within`: area whose points are ignored, such as the common node of the shapes, None for no area.
     """
     touched = shapely.Point() if within is None else within
     others, *bodies = (shapely.difference(shapes, touched) for shapes in (drawn, *choices))

@@ -79,9 +79,9 @@ class Panel:
         return sliced(values, self.cut)
 
     def seen(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the picture coordinates (n, 2) of n points; in a slice, those of their projections.
+        """Return the picture coordinates (n, 2) of n points; in a slice, those of their projections on the slice.
 
-        `points` (n, ndim): in axis units.
+        With one axis, the vertical coordinate is the middle of the panel.  `points` (n, ndim): in axis units.
         """
         if self.plane is None:
             return np.column_stack([points, np.full(len(points), np.mean(self.axes.get_ylim()))])
@@ -177,9 +177,9 @@ def draw_panels(
 
 
 def draw_known(panel: Panel) -> tuple[ScalarMappable, str] | None:
-    """Draw the cells of a panel and, if the space has one, the conductivity: as colours, or as a curve for one axis.
+    """Draw the cells of a panel and the relative conductivity of the space: as colours, or as a curve for one axis.
 
-    Returns image and label of the colour bar; None without a colour bar.
+    Returns the image and the label of its colour bar; None for one axis, and for a space without conductivities.
     """
     conductivity, label = panel.space.conductivity, "conductivity (relative)"
     if conductivity is None or panel.plane is None:

@@ -83,7 +83,7 @@ def draw_line(
 
 
 def _are_streamlines(paths: Sequence[AnyPath]) -> TypeGuard[Sequence[FieldPath]]:
-    """Return whether all paths are streamlines."""
+    """Return whether all paths are streamlines or node paths, which belong to a field."""
     return all(isinstance(path, FieldPath) for path in paths)
 
 
@@ -133,8 +133,8 @@ def _cuts_through(paths: Sequence[AnyPath], space: ConfigurationSpace) -> list[C
     """Return at most `_SLICES` horizontal slices through the first path, from the lowest to the highest.
 
     The first chosen are those at its start and its end, then those at its lowest and its highest point, the one farther
-    from start and end first, then the one at the median of its z coordinates. Each pair of the result holds the axis
-    number 2 and a cell index. `space`: the space of all paths.
+    from start and end first, then the one at the median of its z coordinates. Each slice of the result is a tuple with
+    one pair: the axis number 2 and a cell index. `space`: the space of all paths.
     """
     path, axis = paths[0], space.axes[2]
     line = subdivided(points_of(path, space), PIECES)

@@ -74,7 +74,7 @@ def draw_streamlines(
 
 
 def end_of_first(paths: Sequence[FieldPath]) -> list[int] | None:
-    """Return the goal cell (ndim,) of the first path that reaches a goal, for slices; None if none reaches one."""
+    """Return the last cell (ndim,) of the first path that reaches a goal, for slices; None without such a path."""
     return next((path.cells[-1].tolist() for path in paths if path.outcome is Outcome.REACHED), None)
 
 
@@ -121,7 +121,8 @@ def path_layer(paths: Sequence[FieldPath], k: Sequence[float] | None) -> Layer:
 def by_blend(paths: Sequence[FieldPath], k: Sequence[float] | None) -> list[tuple[float | None, list[FieldPath]]]:
     """Return pairs of a value of k and its paths that reach a goal, in ascending order of k.
 
-    `k`: weight k of the Dirichlet field of each path; None gives one pair with the value None.
+    `k`: weight k of the Dirichlet field of each path; None gives one pair with the value None.  The list of paths is
+    empty for a value of k whose paths all fail.
     """
     if k is not None and len(k) != len(paths):
         raise InputError(f"{len(k)} values of k for {len(paths)} paths; give one for each")

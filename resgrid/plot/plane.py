@@ -70,8 +70,8 @@ class PicturePlane:
     def window(self) -> tuple[slice, slice]:
         """Index ranges of the cells in the picture, along x and y.
 
-        The ranges cover the grid, or only free cells, goals and a margin if these fill less than 60 % of the grid's
-        width and height.
+        The ranges cover the grid, or only the bounding box of free cells and goals with a margin if this box extends
+        over less than 60 % of both the width and the height of the grid.
         """
         inside = self.cell != Cell.OBSTACLE
         slices = []
@@ -263,8 +263,8 @@ def paint(plane: PicturePlane, axes: Axes, *masks: Mask, order: float = 2.2) -> 
 def _small_goals(plane: PicturePlane) -> NDArray[np.int64]:
     """Return the cell index ranges of the n goals that need a ring because they are small, shape (n, 2, 2).
 
-    The second index selects first cell or end (exclusive), the third one the axis.  A goal is small below `_VISIBLE` of
-    the picture's longer side; if more than `_MOST_RINGS` goals are small, n is 0.
+    The second index selects first cell or end (exclusive), the third one the axis.  A goal is small if its longer side
+    is below the fraction `_VISIBLE` of the picture's longer side; if more than `_MOST_RINGS` goals are small, n is 0.
     """
     from scipy.ndimage import find_objects
 

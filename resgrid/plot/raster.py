@@ -14,16 +14,16 @@ _LARGEST = 32
 """Largest width or height, in pixels, of a triangle whose pixels are tested directly; larger triangles are divided."""
 
 _STEP = 4
-"""Step, in pixels, of the possible sides of the square block in which the pixels of a triangle are tested."""
+"""Side, in pixels, of which the side of the square block of pixels that are tested for a triangle is a multiple."""
 
 _AT_ONCE = 1 << 20
-"""Number of pairs of a pixel and a triangle that are tested at once; limits the memory."""
+"""Largest number of pairs of a pixel and a triangle that are tested at once, which limits the memory."""
 
 _OUTLINE = 0.55
 """Factor from 0 (black) to 1 by which the colours of pixels at the border of a body are multiplied."""
 
 _LIGHT = np.array([-0.35, 0.45, 0.82])
-"""Unit vector towards the light, in the camera's frame: to the right, upwards, towards the camera."""
+"""Vector of length 1, to within 0.2 %, towards the light in the camera's frame: right, up, towards the camera."""
 
 _AMBIENT = 0.62
 """Brightness of a surface parallel to the light, relative to the brightness of a surface that faces the light."""
@@ -212,8 +212,9 @@ def _divided(
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Return the triangles in the window, divided until each is at most `_LARGEST` pixels wide and high.
 
-    The results are the corners (m, 3, 3) and the indices (m,) of the original triangles. `corners` (n, 3, 3): column,
-    row and depth of the corners; `number` (n,): indices; `shape`: number of rows and columns of the window.
+    Triangles outside the window are dropped. Returns the corners (m, 3, 3) of the parts, and the index (m,) of the
+    triangle to which each belongs. `corners` (n, 3, 3): column, row and depth of the corners; `number` (n,): index of
+    each triangle; `shape`: number of rows and columns of the window.
     """
     small, index = [], []
     while len(corners):

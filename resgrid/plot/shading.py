@@ -21,7 +21,9 @@ _DECADES_WORTH_A_LOG = 2.0
 _LINES = 16
 """Approximate number of equipotentials on a logarithmic scale."""
 _TAIL = 0.02
-"""Largest fraction of cells that may lie below the lower limit of the colour scale, if they lie far below the others.
+"""Fraction of values below the lower limit of the colour scale if the others span less than half of the whole range.
+
+Otherwise the lower limit is the smallest value.
 """
 
 

@@ -15,11 +15,14 @@ from resgrid.plot.plane import Cut, PicturePlane
 from resgrid.plot.style import axis_label
 
 _MOST_SLICES = 6
-"""Default number of slices normal to one axis; a shorter axis has one slice per cell."""
+"""Default number of slices normal to one axis; an axis of fewer cells has one slice per cell."""
 
 
 _LONG = 22
-"""Number of characters of a position in the title of a slice from which the rest of the title is on another line."""
+"""Largest number of characters of a position in the title of a slice that the words "(through a goal)" may follow.
+
+After a longer position these words are on a line of their own.
+"""
 
 
 def cuts_of(

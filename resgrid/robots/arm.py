@@ -207,9 +207,9 @@ class Arm(Robot):
         Returns
         -------
         ndarray of float64, shape (s, 2)
-            Joint angles in radians within the limits, or in [-pi, pi) without limits: two solutions, elbow to the left
-            first, one if the arm is stretched or folded, none beyond the reach.  Limits wider than a full turn repeat a
-            solution for every turn.  If equal links fold onto the base, the first has the direction ``base_angle``.
+            Joint angles in radians within the limits, or in [-pi, pi) without limits: two solutions, elbow bent to the
+            left first, one if the arm is stretched or folded, none beyond the reach.  Limits wider than a full turn
+            repeat a solution for every turn.  If equal links fold onto the base, link 1 points along ``base_angle``.
 
         Raises
         ------
@@ -265,8 +265,7 @@ class Arm(Robot):
     def pose(self, configuration: NDArray[np.float64]) -> Pose:
         """Return position and differential kinematics of the links for joint angles `configuration` (n,), in radians.
 
-        With relative angles, joint i rotates links i and above; with absolute angles, it rotates link i and translates
-        links above.
+        Joint i rotates link i, and it rotates (relative angles) or translates (absolute angles) all later links.
         """
         joints, directions = self.joints(configuration), self.directions(configuration)
         radius, part, spin, before, lever = _pose_constants(self)
@@ -357,9 +356,10 @@ class Arm(Robot):
 
 @cache
 def _pose_constants(arm: Arm) -> tuple[NDArray[Any], ...]:
-    """Return the arm's half widths (n,) in metres, link numbers (n,), and three further arrays as read-only arrays.
+    """Return five read-only arrays that all poses of an arm share.
 
-    These are `Pose.spin` (n, n), a mask (n, n) of preceding links, and `Pose.lever` (n, 2, n), for any configuration.
+    Half widths (n,) in metres; link numbers (n,); `Pose.spin` (n, n); a matrix (n, n) with 1 for every link (row) and
+    link before it (column), else 0; `Pose.lever` (n, 2, n).
     """
     count = arm.ndim
     spin = np.tri(count) if arm.angles == "relative" else np.eye(count)

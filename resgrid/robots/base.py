@@ -67,8 +67,7 @@ class Robot(ABC):
     """Whether configurations are positions in the workspace, so that periodic axes apply to the workspace too."""
 
     workspace_ndim: ClassVar[int] = 2
-    """Number of coordinates of the workspace of a robot that does not move in it directly: 2 for robots of the plane.
-    """
+    """Number of coordinates of the workspace, unless configurations are positions: 2 in the plane, 3 in space."""
 
     reference: ClassVar[str] = "reference point"
     """Name of the point of the robot whose position a goal prescribes."""

@@ -39,7 +39,7 @@ def bodies_of(shape: Shape, name: str, padding: float = 0.0) -> tuple[Body, ...]
     Raises
     ------
     InputError
-        If the shape does not have three coordinates, or is not a solid with a closed form.
+        If the shape does not have three coordinates, or is a set of cells.
     """
     if shape.ndim != 3:
         raise InputError(

@@ -120,7 +120,11 @@ def mark_image(
 
 
 def _mark_voxels(out: NDArray[np.bool_], axes: tuple[Axis, ...], shape: Voxels, reach: float, rule: Sampling) -> None:
-    """Mark, in place, the cells within a distance of voxels or of their periodic images; for parameters see `mark`."""
+    """Mark, in place, the cells within a distance of voxels or of their periodic images.
+
+    `out`: mask, shape of the grid, in which cells are set to True; `axes`: axes of the grid; `reach`: distance in axis
+    units; `rule`: whether the whole cell (``"conservative"``) or only its centre (``"centre"``) is tested.
+    """
     if reach > 0 or any(axis.periodic for axis in axes):
         for low, high in shape.corners.tolist():
             mark(out, axes, Box(tuple(low), tuple(high)), reach, rule)
@@ -142,7 +146,7 @@ def _clip(index: float, cells: int) -> int:
 
 
 def _near_round(shape: Box | Ball, centres: Grids, half: Sequence[float], reach: float) -> NDArray[np.bool_]:
-    """Return the mask (block of cells) of boxes that are within a distance of a box or ball.
+    """Return the mask, shape of a block of cells, of cells whose tested box is within a distance of a box or ball.
 
     `centres`: coordinates of the boxes' centres; `half` (ndim,): half their widths; `reach`: distance, in axis units.
     """
@@ -156,7 +160,7 @@ def _near_round(shape: Box | Ball, centres: Grids, half: Sequence[float], reach:
 
 
 def near_half_space(shape: HalfSpace, centres: Grids, half: Sequence[float], reach: float) -> NDArray[np.bool_]:
-    """Return the mask (block of cells) of boxes that are within a distance of a half-space.
+    """Return the mask, shape of a block of cells, of cells whose tested box is within a distance of a half-space.
 
     `centres`: coordinates of the boxes' centres; `half` (ndim,): half their widths; `reach`: distance, in axis units.
     """
@@ -185,7 +189,7 @@ def _near_cells(shape: CellSet, axes: tuple[Axis, ...], reach: float, rule: Samp
 
 
 def _part_of_grid(whole: Sequence[Axis], part: Sequence[Axis]) -> tuple[slice, ...]:
-    """Return the slice, per axis, of the cells of a grid that form another grid; raise InputError if there are none.
+    """Return, per axis, the slice of cells of a grid that form a second grid; raise InputError unless they form it.
 
     `whole`, `part`: axes of the two grids, which must not be periodic where they differ.
     """
@@ -222,8 +226,8 @@ def _mark_polygon(
 def outline(shape: Box | Polygon, axes: Sequence[Axis], reach: float) -> NDArray[np.float64]:
     """Return the edges ``x0, y0, x1, y1`` of a polygon or rectangle, shape (e, 4), clipped far outside the grid.
 
-    `reach`: distance up to which the caller marks cells around the shape, in axis units; the rings are clipped to the
-    grid enlarged by this distance and the grid's largest side.
+    `reach`: distance up to which the caller marks cells around the shape, in axis units.  The margin is this distance
+    plus the grid's largest side; a ring with a corner beyond `FAR` margins is clipped to the grid with the margin.
     """
     margin = reach + max(axis.upper - axis.lower for axis in axes)
     lower, upper = (axes[0].lower - margin, axes[1].lower - margin), (axes[0].upper + margin, axes[1].upper + margin)
@@ -279,7 +283,7 @@ class CellClasses(NamedTuple):
 def region_cells(axes: Sequence[Axis], region: Shape | Point) -> GoalCells:
     """Return the cells of a grid that meet a region, with one configuration of the region per cell.
 
-    The configuration is the region's point in the cell that is nearest to the cell's centre.
+    The configuration is the point nearest to the cell's centre among the points that cell and region have in common.
     `region`: shape or single point, in axis units.
     """
     axes = tuple(axes)
@@ -300,9 +304,9 @@ def region_cells(axes: Sequence[Axis], region: Shape | Point) -> GoalCells:
 
 
 def merge_goals(shape: tuple[int, ...], goals: Sequence[GoalCells]) -> GoalCells:
-    """Return the union of goals on one grid, of shape `shape`.
+    """Return the union of goals on one grid, of shape `shape`, as the cells of one goal.
 
-    A cell that belongs to several goals keeps the configuration of the first goal.
+    A cell that belongs to several of the `goals` gets the configuration of the first of them.
     """
     met, points = [np.empty(0, dtype=np.int64)], [np.empty((0, len(shape)))]
     for goal in goals:
@@ -315,7 +319,7 @@ def merge_goals(shape: tuple[int, ...], goals: Sequence[GoalCells]) -> GoalCells
 
 
 def _image_cells(axes: tuple[Axis, ...], shape: SingleShape) -> GoalCells:
-    """Return the cells that a shape meets, with the shape's point nearest to each cell's centre.
+    """Return the cells that a shape meets, with the common point nearest to each cell's centre.
 
     Periodic images of the shape are not included; `axes`: axes of the grid.
     """
@@ -331,7 +335,7 @@ def _image_cells(axes: tuple[Axis, ...], shape: SingleShape) -> GoalCells:
 
 
 def _nearest(shape: SingleShape, middle: NDArray[np.float64], axes: tuple[Axis, ...]) -> NDArray[np.float64]:
-    """Return, for m cells that a shape meets, the shape's point within the cell nearest to its centre, shape (m, ndim).
+    """Return, for m cells that a shape meets, the common point nearest to the cell's centre, shape (m, ndim).
 
     `middle` (m, ndim): centres of the cells, in axis units; `axes`: axes of the grid.
     """

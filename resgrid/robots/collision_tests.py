@@ -53,7 +53,10 @@ class PlanarTest(CollisionTest):
         self._parts, self._obstacles = parts, obstacles
 
     def clearances(self, configurations: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return distances (n,) from the robot to the nearest obstacle for configurations (n, ndim)."""
+        """Return distances (n,), in metres, from the robot to the nearest obstacle for configurations (n, ndim).
+
+        The distance is 0 for a collision or contact, and infinite without obstacles.
+        """
         parts = self._parts(configurations)
         nearest = np.full(len(configurations), np.inf)
         for obstacle in self._obstacles:
@@ -62,7 +65,10 @@ class PlanarTest(CollisionTest):
         return nearest
 
     def first_hit(self, configurations: NDArray[np.float64]) -> Hit | None:
-        """Return the first collision among configurations (n, ndim); touching to within 1e-9 is no collision."""
+        """Return the first collision among configurations (n, ndim), in their order; None without a collision.
+
+        Bodies that touch, to within 1e-9 of the lengths, do not collide.
+        """
         hits = [
             Hit(int(np.argmax(hit)), number, obstacle.number)
             for number, part in enumerate(self._parts(configurations))

@@ -22,12 +22,12 @@ class ConvexPiece:
     Attributes
     ----------
     points : ndarray of float64, shape (v, 3)
-        Points whose convex hull is the core, in metres, in the frame of the body.  Of a half-space: one point of its
+        Points whose convex hull is the core, in metres, in the frame of the body; for a half-space one point of its
         border plane.
     radius : float
         Distance in metres from the core up to which points belong to the piece (Minkowski sum with a ball).
     normal : ndarray of float64, shape (3,), or None
-        Of a half-space: the unit normal of its border plane, which points out of it.  None for other pieces.
+        Unit normal of a half-space's border plane, which points out of the half-space; None for other pieces.
     """
 
     points: NDArray[np.float64]

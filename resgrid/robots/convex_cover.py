@@ -24,7 +24,10 @@ The cost of a set of parts is the volume of their hulls plus the weighted depth 
 """
 
 _LEAST_SAVING = 0.1
-"""Fraction of the hull's volume that a cover of several pieces must save; otherwise the hull alone is the cover."""
+"""Fraction of the volume of a mesh's convex hull that a cover of several pieces must save.
+
+If the total volume of the pieces is larger, the hull alone is the cover.
+"""
 
 _PREFERENCE = 1.2
 """Ratio of the cost saved by the best cut along a principal axis to that along a coordinate axis of the mesh.
@@ -194,8 +197,9 @@ class _Part:
 def _axes(points: NDArray[np.float64], corners: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return three unit vectors (3, 3) as rows, perpendicular to which a mesh is cut.
 
-    These are the coordinate axes, or the principal axes of the vertices if the best cut along one of them gains more
-    than `_PREFERENCE` times as much. `points` (v, 3): vertices; `corners` (t, 3, 3): triangles.
+    These are the principal axes of the vertices if the best cut perpendicular to one of them gains more than
+    `_PREFERENCE` times as much as the best one perpendicular to a coordinate axis; otherwise the coordinate axes.
+    `points` (v, 3): vertices; `corners` (t, 3, 3): triangles.
     """
     centred = points - points.mean(axis=0)
     principal = np.linalg.eigh(centred.T @ centred)[1].T
@@ -289,7 +293,7 @@ def _moved(points: NDArray[np.float64], pose: NDArray[np.float64]) -> NDArray[np
 
 
 def _padded(piece: ConvexPiece, padding: float) -> ConvexPiece:
-    """Return a piece enlarged by a padding in metres; a half-space moves its border."""
+    """Return a piece enlarged by a padding in metres; the border plane of a half-space is moved outwards."""
     if piece.normal is not None:
         return ConvexPiece(piece.points + padding * piece.normal, 0.0, piece.normal)
     return ConvexPiece(piece.points, piece.radius + padding)

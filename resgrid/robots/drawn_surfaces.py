@@ -114,7 +114,8 @@ def _half_circle(radius: float, length: float) -> NDArray[np.float64]:
 def _revolved(pose: NDArray[np.float64], profile: NDArray[np.float64]) -> Triangles:
     """Return the surface of revolution of a profile about the z axis of a pose (4, 4).
 
-    `profile` (n, 2): distance from the axis and height, from the lowest to the highest point on the axis.
+    `profile` (n, 2): distance from the axis and coordinate z of points from the lowest to the highest one, which both
+    lie on the axis.
     """
     angle = 2 * np.pi * np.arange(SIDES) / SIDES
     rings = profile[1:-1]

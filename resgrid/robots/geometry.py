@@ -71,7 +71,10 @@ class Obstacle:
 
     @property
     def extent(self) -> float:
-        """Largest absolute coordinate of the obstacle, in metres, which bounds rounding errors of distances."""
+        """Largest absolute coordinate of the core, or distance of the half-plane's border from the origin, in metres.
+
+        Rounding errors of distances from the obstacle are proportional to this length.
+        """
         if self.half_plane is not None:
             return float(abs(_unit_normal(self.half_plane)[-1]))
         return float(np.abs(self.core.bounds).max())
@@ -168,7 +171,7 @@ class ObstacleArrays(NamedTuple):
 
 
 def obstacle_arrays(shapes: Iterable[Shape], axes: Sequence[Axis] = ()) -> ObstacleArrays:
-    """Return shapes as arrays, for kernels.
+    """Return shapes of the plane as arrays, for kernels; a set of cells becomes boxes.
 
     `axes`: axes of the plane, empty for a plane that is not periodic.  On periodic axes, the arrays contain all
     periodic images of a shape that come within one period of the grid.
@@ -229,8 +232,8 @@ def _solid_on_the_left(solid: Box | Polygon) -> list[list[tuple[float, ...]]]:
 def periodic_images(shape: SingleShape, axes: Sequence[Axis], reach: Sequence[float]) -> Iterator[SingleShape]:
     """Yield the periodic images of a shape that come within a distance of a grid, and the shape itself if it does.
 
-    A half-space is yielded once, unchanged.  `axes`: axes of the grid; `reach`: distance along each axis, in axis
-    units.
+    A half-space is yielded once, unchanged; raise InputError if its normal has a component along a periodic axis.
+    `axes`: axes of the grid; `reach`: distance along each axis, in axis units.
     """
     if isinstance(shape, HalfSpace):
         for axis, component in zip(axes, shape.normal, strict=False):

@@ -12,22 +12,22 @@ from resgrid.errors import InputError
 from resgrid.robots.convex import ConvexPiece
 
 TOLERANCE = 2e-4
-"""Largest distance in metres of a corner that is left out from the hull of the kept corners.
+"""Largest distance, in metres, between an omitted corner and the hull of the corners that a piece retains.
 
-The piece gets the largest such distance as its radius, so that it still contains all points.
+The piece gets the largest distance that occurs as its radius, so that it still contains all points.
 """
 
 _FEW = 16
-"""Number of corners up to which a hull keeps all of them."""
+"""Number of corners up to which a hull retains all corners."""
 
 _MANY = 96
-"""Number of kept corners from which on `_COARSE` times the tolerance is accepted.
+"""Number of retained corners from which on `_COARSE` times the tolerance is accepted.
 
 The cost of proofs grows with the number of corners.
 """
 
 _COARSE = 10
-"""Ratio of the tolerance for hulls of at least `_MANY` kept corners to the tolerance for hulls of fewer corners."""
+"""Ratio of the tolerance for hulls of at least `_MANY` retained corners to that for hulls of fewer corners."""
 
 _BATCH = 0.9
 """Fraction of the largest distance from the present hull above which corners are added in one step.
@@ -42,7 +42,7 @@ _ROUNDING = 1e-9
 """Distance in metres by which a point may lie outside its piece due to rounding; beyond it AssertionError is raised."""
 
 _PLANE_ROUNDING = 1e-12
-"""Height in metres above the plane of a face up to which a point counts as below it; a point inside is below all."""
+"""Distance in metres outside the plane of a face up to which a point counts as inside of this plane."""
 
 _BLOCK = 200_000
 """Maximum number of pairs of a point and a triangle that are held in memory at once."""
@@ -75,8 +75,8 @@ class Facets:
 def convex_hull(points: NDArray[np.float64], tolerance: float = TOLERANCE) -> ConvexPiece:
     """Return a convex piece that contains all points, with few corners.
 
-    Corners that lie within `tolerance` of the hull of the others may be left out; the radius of the piece then is their
-    largest measured distance, so that the piece still contains them.
+    Corners that lie within `tolerance` of the hull of the others may be omitted; the radius of the piece then is an
+    upper bound on their largest distance from the hull, so that the piece still contains them.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ def check_points(points: NDArray[np.float64]) -> None:
 
 
 def facets_of(points: NDArray[np.float64]) -> Facets:
-    """Return the convex hull of finite points (v, 3), by qhull in as many dimensions as the points extend in."""
+    """Return the convex hull of finite points (v, 3), computed by qhull in the number of dimensions that they span."""
     from scipy.spatial import ConvexHull, QhullError
 
     unique = np.unique(points, axis=0)
@@ -152,9 +152,9 @@ def facets_of(points: NDArray[np.float64]) -> Facets:
 
 
 def _extent(points: NDArray[np.float64]) -> tuple[int, NDArray[np.float64]]:
-    """Return the number of dimensions in which points (v, 3) extend, and their principal axes, longest extent first.
+    """Return the number of dimensions that points (v, 3) span, and their principal axes, longest extent first.
 
-    The axes are the rows of an array (3, 3), unit vectors. Points in a plane extend in 2 dimensions, equal points in 0.
+    The axes are the rows of an array (3, 3), unit vectors. Points in a plane span 2 dimensions, equal points 0.
     """
     centred = points - points.mean(axis=0)
     _, axes = np.linalg.eigh(centred.T @ centred)
@@ -166,8 +166,9 @@ def _extent(points: NDArray[np.float64]) -> tuple[int, NDArray[np.float64]]:
 def _simplified(hull: Facets, tolerance: float) -> Facets:
     """Return a hull of fewer corners, from which every corner of `hull` is at most `tolerance` metres away.
 
-    With 96 or more kept corners, ten times the tolerance is accepted. The kept corners are at first the extreme ones in
-    26 directions; steps add, for every face, the corner that lies farthest outside. A flat hull is returned unchanged.
+    With 96 or more retained corners, ten times the tolerance is accepted. The hull begins with the extreme corners in
+    26 directions; every step adds, for each face, the corner of `hull` that lies farthest outside, if its distance is
+    among the largest. A flat hull is returned unchanged.
     """
     if not len(hull.planes):
         return hull
@@ -191,7 +192,8 @@ def _simplified(hull: Facets, tolerance: float) -> Facets:
 def distances(points: NDArray[np.float64], hull: Facets) -> NDArray[np.float64]:
     """Return upper bounds (v,) of the distances of points (v, 3) from a hull; 0 inside.
 
-    The bound is the distance to the face whose plane the point exceeds most; of a flat hull, to its nearest triangle.
+    The bound is the distance to the face above whose plane the point lies highest; for a flat hull, the distance to the
+    nearest triangle.
     """
     result = np.empty(len(points))
     block = max(1, _BLOCK // len(hull.triangles))
@@ -201,9 +203,9 @@ def distances(points: NDArray[np.float64], hull: Facets) -> NDArray[np.float64]:
 
 
 def _block_distances(points: NDArray[np.float64], hull: Facets) -> NDArray[np.float64]:
-    """Return upper bounds (v,) of the distances of points (v, 3) from a hull; 0 inside.
+    """Return upper bounds (v,) of the distances of points (v, 3) from a hull, without blocks; 0 inside.
 
-    The number of points times the number of triangles determines the memory, and is limited by the caller.
+    The memory is proportional to the number of points times the number of triangles, which `distances` limits.
     """
     if not len(hull.planes):
         pairs = np.repeat(points, len(hull.triangles), axis=0)

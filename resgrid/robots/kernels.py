@@ -244,9 +244,9 @@ def _index(scaled: float, count: int) -> int:
 
 @inner
 def _extent_of_disc(y: float, radius: float, low: float, high: float) -> float:
-    """Return half the longest chord, parallel to x and with y in [low, high], of a disc with its centre at height `y`.
+    """Return half the length of the longest chord of a disc that is parallel to x with a coordinate y in [low, high].
 
-    `radius`: radius of the disc, in the unit of the coordinates.  The result is -1 if there is no such chord.
+    `y`: coordinate of the disc's centre; `radius`: radius of the disc.  The result is -1 if there is no such chord.
     """
     away = max(0.0, low - y, y - high)
     return math.sqrt((radius - away) * (radius + away)) if away <= radius else -1.0

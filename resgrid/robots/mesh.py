@@ -101,16 +101,16 @@ class Mesh(Bounded):
 
     @cached_property
     def open_edges(self) -> int:
-        """Number of edges that are not used equally often in both directions; 0 for a closed mesh."""
+        """Number of edges that the triangles do not use equally often in both directions; 0 for a closed mesh."""
         return len(self._open_edges)
 
     @cached_property
     def closed_parts(self) -> NDArray[np.int32]:
         """Triangles of all closed parts, shape (t, 3), oriented so that their winding numbers can be added.
 
-        A part is a set of triangles connected by vertices.  A part whose orientation is opposite to that of the largest
-        part is a cavity if all its vertices are inside other parts.  Otherwise it is turned round, because in the
-        intersection with another part the winding numbers would cancel.
+        A part is a set of triangles connected by vertices.  A part whose orientation is opposite to that of the part of
+        largest volume is a cavity if all its vertices are inside other parts.  Otherwise its orientation is reversed,
+        because in the intersection with another part the winding numbers would cancel.
         """
         part = self._part_of_triangle
         is_closed = np.ones(part.max() + 1, dtype=np.bool_)
@@ -135,7 +135,7 @@ class Mesh(Bounded):
 
     @cached_property
     def _open_edges(self) -> NDArray[np.int64]:
-        """Ends (e, 2) of the edges that are not used equally often in both directions, as indices of vertices."""
+        """Ends (e, 2), as indices of vertices, of edges that triangles do not use equally often in both directions."""
         starts, ends = self.triangles.ravel().astype(np.int64), np.roll(self.triangles, -1, axis=1).ravel()
         code = np.minimum(starts, ends) * len(self.points) + np.maximum(starts, ends)
         edges, index = np.unique(code, return_inverse=True)

@@ -27,7 +27,9 @@ def near_mesh(
     reach: float,
     spacing: NDArray[np.float64],
 ) -> NDArray[np.bool_]:
-    """Return the mask (block of cells) of boxes within a distance of a mesh, the inside of closed parts included.
+    """Return the mask, shape of a block of cells, of cells whose tested box is within a distance of a mesh.
+
+    The inside of closed parts belongs to the mesh.
 
     The result is exact up to rounding: a box is left out if a plane separates it from every triangle by more than
     `reach`.
@@ -50,7 +52,7 @@ def near_mesh(
 def _near_surface(
     corners: NDArray[np.float64], lines: Sequence[NDArray[np.float64]], half: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
-    """Return the mask (block of cells) of boxes that meet a triangle.
+    """Return the mask, shape of a block of cells, of cells whose tested box meets a triangle.
 
     `corners` (t, 3, 3): vertices of the triangles; `lines`: centres of the boxes along every axis; `half` (3,): half
     the widths of a box, in axis units.
@@ -73,7 +75,7 @@ def _near_offset(
     reach: float,
     spacing: NDArray[np.float64],
 ) -> NDArray[np.bool_]:
-    """Return the mask (block of cells) of boxes within a positive distance of triangles.
+    """Return the mask, shape of a block of cells, of cells whose tested box is within a distance above 0 of a triangle.
 
     The cells that meet the surface give bounds of all distances, which decide most cells.  The others are tested
     against the triangles, first against few of them, which mark most of the cells that will be marked.
@@ -115,7 +117,7 @@ def _surface_gap(
     reach: float,
     spacing: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Return the distance of every cell (block of cells), in axis units, from the cells that meet a triangle.
+    """Return the distance of every cell of a block, in axis units, from the nearest cell that meets a triangle.
 
     Cells beyond the block that meet a triangle count too if they are within `reach` of the block.  The distance of a
     cell from the surface is at least the returned number, and exceeds it by at most the diagonal of a cell.  The result
@@ -142,9 +144,10 @@ def _surface_gap(
 def _ranges(
     lines: Sequence[NDArray[np.float64]], lower: NDArray[np.float64], upper: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the index of the first centre, and the number of centres, in t boxes along every axis, each (t, axes).
+    """Return, for t boxes, the first index and the number of the grid's centres in the box along every axis.
 
-    `lines`: centres along every axis, increasing; `lower, upper` (t, axes): lower and upper corners of the boxes.
+    Both results have the shape (t, axes).  `lines`: coordinates of the centres along every axis, increasing; `lower,
+    upper` (t, axes): lower and upper corners of the boxes.
     """
     first = np.column_stack([np.searchsorted(line, ends) for line, ends in zip(lines, lower.T, strict=True)])
     last = np.column_stack(
@@ -156,9 +159,10 @@ def _ranges(
 def _pairs(
     first: NDArray[np.int64], count: NDArray[np.int64]
 ) -> Iterator[tuple[NDArray[np.int64], list[NDArray[np.int64]]]]:
-    """Yield batches of all pairs of a triangle and a place in its range: triangles (n,), and indices along every axis.
+    """Yield all pairs of a triangle and a cell in its range, in batches of at most `BATCH` pairs.
 
-    `first, count` (t, axes): first index and number of indices of every triangle along every axis.
+    A batch is a tuple: numbers of the triangles (n,), and a list of the indices (n,) of the cells along every axis.
+    `first, count` (t, axes): first index and number of indices of every triangle's range along every axis.
     """
     ends = np.cumsum(np.prod(count, axis=1))
     for start in range(0, int(ends[-1]) if len(ends) else 0, BATCH):
@@ -206,10 +210,10 @@ def _drop_apart(
     half: NDArray[np.float64],
     reach: float,
 ) -> None:
-    """Clear, in place, the entries of `near` (n,) whose triangle and box are farther apart along a direction.
+    """Clear, in place, the entries of `near` (n,) whose triangle and box are farther than `reach` apart in a direction.
 
-    `directions` (n, 3): not normalized, zero for none; `local` (n, 3, 3): vertices relative to the centre of the box;
-    `half` (3,): half the widths of the box; `reach`: distance, in axis units.
+    `directions` (n, 3): one direction per pair, not normalized, zero for no test; `local` (n, 3, 3): vertices relative
+    to the centre of the box; `half` (3,): half the widths of the box; `reach`: distance, in axis units.
     """
     at = np.flatnonzero(near)
     if not len(at):
@@ -247,7 +251,7 @@ def nearest_on_triangles(corners: NDArray[np.float64], point: NDArray[np.float64
 
 
 def _enclosed(mesh: Mesh, lines: Sequence[NDArray[np.float64]]) -> NDArray[np.bool_]:
-    """Return the mask (block of cells) of centres around which the closed parts of a mesh wind: the centres inside.
+    """Return the mask, shape of a block of cells, of cells whose centre lies inside a closed part of a mesh.
 
     Rays along x through all centres count the crossed triangles with the sign of their orientation.  Edges that a ray
     meets exactly belong to one of their triangles, because each edge is evaluated in the order of its vertices.
@@ -270,10 +274,11 @@ def _enclosed(mesh: Mesh, lines: Sequence[NDArray[np.float64]]) -> NDArray[np.bo
 def _crossings(
     mesh: Mesh, start: NDArray[np.int32], end: NDArray[np.int32], y: NDArray[np.float64], z: NDArray[np.float64]
 ) -> NDArray[np.int32]:
-    """Return how often edges, projected along x, cross rays from (y, z) along y: 1 upwards, -1 downwards, 0 for none.
+    """Return whether n edges, projected along x, cross n rays from (y, z) in the direction of y, with a sign.
 
-    The result has shape (n,); edge and ray correspond.  `mesh`: gives the coordinates of vertices; `start, end` (n,):
-    indices of the vertices of the edges; `y, z` (n,): starts of the rays, in axis units.
+    The result (n,) is 1 if the edge crosses its ray towards larger z, -1 towards smaller z, 0 if it does not.  `mesh`:
+    gives the coordinates of vertices; `start, end` (n,): indices of the vertices of the edges; `y, z` (n,): starts of
+    the rays, in axis units.
     """
     low, high = mesh.points[np.minimum(start, end), 1:], mesh.points[np.maximum(start, end), 1:]
     crosses = (low[:, 1] > z) != (high[:, 1] > z)
@@ -284,9 +289,10 @@ def _crossings(
 
 
 def _heights(corners: NDArray[np.float64], y: NDArray[np.float64], z: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the coordinates x (n,) at which lines parallel to x meet the planes of triangles, within the triangles.
+    """Return the coordinates x (n,) at which n lines parallel to x meet the planes of n triangles.
 
-    `corners` (n, 3, 3): vertices; `y, z` (n,): coordinates of the lines.
+    A coordinate is clipped to the triangle's range of x, against rounding errors.  `corners` (n, 3, 3): vertices; `y,
+    z` (n,): coordinates of the lines.
     """
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     slope = normal[:, 1] * (y - corners[:, 0, 1]) + normal[:, 2] * (z - corners[:, 0, 2])

@@ -66,9 +66,9 @@ def clip(corners: NDArray[np.float64], axis: int, position: float, side: int) ->
 def _crossing(
     a: NDArray[np.float64], b: NDArray[np.float64], high_a: NDArray[np.float64], high_b: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the points (n, 3) at height 0 on the segments from `a` to `b`, (n, 3) each.
+    """Return the points (n, 3) at which segments from `a` to `b`, (n, 3) each, cross a plane.
 
-    `high_a, high_b` (n,): heights of the ends, of different signs; the height is linear along a segment.
+    `high_a, high_b` (n,): signed distances of the ends from the plane, of different signs.
     """
     part = high_a / (high_a - high_b)
     return a + part[:, np.newaxis] * (b - a)
@@ -132,7 +132,8 @@ def _better(
 def _seam(corners: NDArray[np.float64], axis: int, position: float) -> NDArray[np.float64]:
     """Return points (n, 3) at which edges of triangles (t, 3, 3) cross the plane ``x[axis] = position``.
 
-    Of many crossing points only some 140 of each of the three edges are returned, evenly chosen.
+    Of the crossing points on the first, second and third edges of all triangles, at most about 140 each are returned,
+    evenly chosen.
     """
     height = corners[:, :, axis] - position
     points = [np.empty((0, 3))]

@@ -29,7 +29,7 @@ Vectors = NDArray[np.float64]
 def near_convex(
     shape: Cylinder | Capsule | OrientedBox, grids: Sequence[NDArray[np.float64]], half: Sequence[float], reach: float
 ) -> NDArray[np.bool_]:
-    """Return the mask (block of cells) of boxes that are within a distance of a convex solid.
+    """Return the mask, shape of a block of cells, of cells whose tested box is within a distance of a convex solid.
 
     The result is exact up to rounding for capsules and oriented boxes.  For cylinders, boxes whose distance exceeds
     `reach` by a tiny amount may be marked too.
@@ -166,9 +166,10 @@ def _polytope_gap(
 def _gap_along(
     directions: Vectors, centres: Vectors, half: NDArray[np.float64], corners: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the gaps (n,) between boxes and a convex hull along directions (n, 3); minus infinity for no direction.
+    """Return the signed gaps (n,) between n boxes and a convex hull along directions (n, 3), in axis units.
 
-    `centres` (n, 3): centres of the boxes; `half` (3,): half their widths; `corners` (v, 3): points of the hull.
+    The gap is negative if the projections overlap, and minus infinity for a direction of length 0.  `centres` (n, 3):
+    centres of the boxes; `half` (3,): half their widths; `corners` (v, 3): points of the hull.
     """
     length = np.linalg.norm(directions, axis=1)
     unit = directions / np.maximum(length, 1e-300)[:, np.newaxis]

@@ -18,7 +18,7 @@ DIRECTIONS = tuple((axis, sign) for axis in range(3) for sign in (-1, 1))
 _CLOSED = 0.5
 """Fraction of obstacle cells, in the outermost layer at a side of the grid, from which on the side is closed.
 
-The outside of a closed side is not drawn. On other sides the obstacles in the layer have a face to the outside.
+Cells at a closed side have no face to the outside; at other sides the obstacle cells of the layer have one.
 """
 
 _MOST_CELLS = 200
@@ -56,9 +56,9 @@ def faces_between(
     *,
     merge: bool = False,
 ) -> Faces:
-    """Return the faces of solid cells that border on air.
+    """Return the faces of solid cells that border on air (cells whose surroundings are drawn).
 
-    `solid`, `air`: masks of the cells of a grid with three axes; `axes`: its axes; `directions`: entries of
+    `solid`, `air`: masks of the cells of a grid with three axes; `axes`: axes of the grid; `directions`: entries of
     `DIRECTIONS`, the faces of solid cells that are considered; `merge`: whether adjacent faces in a horizontal row
     become one rectangle.
     """
@@ -97,8 +97,8 @@ def _rectangles(
 ) -> NDArray[np.float64]:
     """Return the corners (n, 4, 3) of rectangles normal to an axis, anticlockwise seen from the air.
 
-    `index` (n, 3, 2): first and last border along each axis; `edges`: borders of the cells along each axis; `sign`: 1
-    if the air lies above.
+    `index` (n, 3, 2): numbers of the first and the last border along each axis; `edges`: coordinates of the borders
+    between cells along each axis; `axis`: number of the axis; `sign`: 1 if the air lies at larger coordinates, else -1.
     """
     u, v = ((axis + 1) % 3, (axis + 2) % 3) if sign > 0 else ((axis + 2) % 3, (axis + 1) % 3)
     corners = np.empty((len(index), 4, 3))
@@ -140,9 +140,10 @@ def surface_to_air(
 ) -> Faces:  # fmt: skip
     """Return the faces of solid cells that border on air, also at sides of the grid that few solid cells reach.
 
-    On such sides, the solid cells of the outermost layer have faces to the outside (see `_CLOSED`).  `solid`, `air`:
-    masks of the cells of a grid; `axes`: its three axes; `directions`: entries of `DIRECTIONS`, the faces of solid
-    cells that are considered; `merge`: whether adjacent faces in a horizontal row become one rectangle.
+    At a side with fewer solid cells than the fraction `_CLOSED`, the solid cells of the outermost layer have faces to
+    the outside.  `solid`, `air`: masks of the cells of a grid; `axes`: axes of the grid, three; `directions`: entries
+    of `DIRECTIONS`, the faces of solid cells that are considered; `merge`: whether adjacent faces in a horizontal row
+    become one rectangle.
     """
     return faces_between(*_with_open_sides(solid, air), _wider(axes), directions, merge=merge)
 
@@ -163,7 +164,8 @@ def surface_of(
 def _with_open_sides(solid: NDArray[np.bool_], air: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Return the masks of solid cells and of air with one more layer of cells on every side.
 
-    The layer is air on sides that few obstacles reach, so that these obstacles have a face there.
+    The layer is air at sides with fewer solid cells than the fraction `_CLOSED`, so that these cells have a face to the
+    outside; at other sides it is neither solid nor air.
     """
     solid, air = np.pad(solid, 1), np.pad(air, 1)
     for axis in range(3):

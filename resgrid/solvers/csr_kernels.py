@@ -17,9 +17,9 @@ def conductances_by_row(
 ) -> tuple[Indices, Indices, Floats]:
     """Return the conductances between rows as sorted symmetric CSR arrays: begins of rows, columns and conductances.
 
-    Parallel conductances are summed; there is no diagonal. Columns above a row are filled in from the end of the row,
-    columns below from its begin. Resistors of a grid are listed axis by axis, so that their columns are then already
-    sorted.
+    Parallel conductances are summed; there is no diagonal. Resistors are processed in their order: a column beyond the
+    diagonal is written at the last free place of its row, a column before the diagonal at the first free one. Resistors
+    of a grid are listed axis by axis, so that their columns are then already sorted.
 
     `pairs` (m, 2), `conductance` (m,): vertices at the ends of every resistor, and its conductance in siemens; `row`
     (vertices,): row of every vertex, negative for a known voltage; `size`: number of rows.

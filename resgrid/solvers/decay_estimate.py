@@ -49,7 +49,7 @@ def estimate_decades(laplacian: Laplacian, statistics: ConductanceStatistics) ->
     dimensions across the corridor. With a contact resistance to the obstacles of ``k`` times the resistance between
     cells the factor is ``exp(-sqrt(2 d / (k w)))`` if that fall is slower. A leak of ``q`` times the conductance
     between cells adds ``q`` to the square of the rate. On 20 spaces and maps the estimate was 0.9 to 1.7 times the true
-    number, in volumes 2 times.
+    number of orders of magnitude, in volumes twice the true number.
     """
     rails = laplacian.rails
     if rails is None or not statistics.entries:

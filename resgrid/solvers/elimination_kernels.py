@@ -25,7 +25,7 @@ _FEW = 2
 """Number of pivots up to which the elimination of a front skips the zeros of its columns."""
 
 _SMALLEST = 1e-300
-"""Smallest valid pivot, whose inverse does not overflow."""
+"""Value above which a pivot is valid, because its inverse does not overflow."""
 
 Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]
@@ -68,7 +68,7 @@ def eliminate(tree: Tree, planes: Planes, fronts: Fronts, begin: int, end: int) 
     """Eliminate the marked nodes `begin` to ``end - 1`` of the tree; return whether all pivots are valid.
 
     Pivots are sums of conductances, never differences (Grassmann, Taksar & Heyman 1985).  A valid pivot is finite and
-    at least `_SMALLEST`.  Marks are removed from the eliminated nodes.
+    above `_SMALLEST`; the first other one ends the elimination.  Marks are removed from the eliminated nodes.
     """
     place, panel = np.empty(len(planes.ground), np.int32), np.empty(_PANEL * fronts.longest)
     at, weights = np.empty(fronts.longest, np.int64), np.zeros((4, _PANEL))
@@ -203,8 +203,8 @@ def _add_child(tree: Tree, fronts: Fronts, child: int, node: int, place: NDArray
 def _eliminate_sparse(tree: Tree, fronts: Fronts, node: int, nonzero: Integers) -> bool:
     """Eliminate the pivots of a front one by one, for columns with many zeros; return whether all pivots are valid.
 
-    A valid pivot is finite and at least `_SMALLEST`. `node`: node of the tree whose front it is; `nonzero`: work array
-    for the rows of the nonzero entries of a column.
+    A valid pivot is finite and above `_SMALLEST`. `node`: node of the tree whose front it is; `nonzero` (longest,):
+    work array for the rows of the nonzero entries of a column.
     """
     values, ground, row, base = fronts.values, fronts.ground, tree.first_row[node], tree.offset[node]
     rows = fronts.rows[node]
@@ -235,7 +235,7 @@ def _eliminate_sparse(tree: Tree, fronts: Fronts, node: int, nonzero: Integers) 
 def _eliminate_dense(tree: Tree, fronts: Fronts, node: int, panel: Floats, weights: Floats) -> bool:
     """Eliminate the pivots of a front in panels of `_PANEL` columns; return whether all pivots are valid.
 
-    A valid pivot is finite and at least `_SMALLEST`. `node`: node of the tree whose front it is; `panel` (columns of a
+    A valid pivot is finite and above `_SMALLEST`. `node`: node of the tree whose front it is; `panel` (columns of a
     panel times rows,), `weights` (4, columns of a panel): work arrays.
     """
     values, ground, row, base = fronts.values, fronts.ground, tree.first_row[node], tree.offset[node]

@@ -26,14 +26,14 @@ _STRETCH = 2_000
 
 
 _LEAST = 1e-200
-"""Smallest value of a solution in doubles; smaller solutions are computed with one exponent per number.
+"""Smallest entry that a solution in doubles may have; with a smaller one it is computed again with scaled numbers.
 
-The terms of a larger value that underflow are negligible.
+A scaled number has an integer exponent of its own. In an entry above this limit, terms that underflow are negligible.
 """
 
 
 class PlaneElimination:
-    """Eliminated equations of a plane of cells, which change in place.
+    """Elimination of the equations of a plane of cells, repeated in part when equations change.
 
     Parameters
     ----------
@@ -59,11 +59,11 @@ class PlaneElimination:
         ground: NDArray[np.float64],
         is_active: NDArray[np.bool_],
     ) -> float | None:
-        """Eliminate the equations again where they differ from the last ones; return the fraction of eliminated nodes.
+        """Eliminate the nodes of the tree whose equations have changed; return the fraction of nodes eliminated.
 
-        None if a pivot is not a positive finite double.  `across` (nx + 1, ny), `along` (nx, ny + 1): conductances
-        through the faces across both axes, 0 next to a cell without an equation; `ground` (nx, ny): conductance to
-        nodes of known voltage; `is_active` (nx, ny): whether a cell has an equation.
+        The result is None if a pivot is not a positive finite double.  `across` (nx + 1, ny): conductances of the faces
+        across the first axis, `along` (nx, ny + 1): across the second axis, 0 next to a cell without an equation;
+        `ground` (nx, ny): conductance to nodes of known voltage; `is_active` (nx, ny): whether a cell has an equation.
         """
         from resgrid.solvers.elimination_kernels import eliminate, load
 
@@ -91,12 +91,15 @@ class PlaneElimination:
 
 @lru_cache(maxsize=4)
 def dissected(shape: tuple[int, int]) -> Tree:
-    """Return the nested dissection of a plane; `shape`: numbers of cells along both axes."""
+    """Return the nested dissection of a plane, with read-only arrays; `shape`: numbers of cells along both axes."""
     rank = np.empty(shape, dtype=np.int32)
     nodes: list[tuple[int, int, int, int, int]] = []  # first and last rank, children, rows
 
     def divide(box: tuple[int, int, int, int]) -> int:
-        """Append the nodes of a rectangle, and return the index of its root; `box`: ranges along both axes."""
+        """Append the nodes of the subtree of a rectangle, children first, and return the index of the subtree's root.
+
+        `box`: begin and end (exclusive) of the rectangle along the first axis, then along the second.
+        """
         x, x_end, y, y_end = box
         width, height = x_end - x, y_end - y
         around = height * ((x > 0) + (x_end < shape[0])) + width * ((y > 0) + (y_end < shape[1]))

@@ -167,7 +167,10 @@ class Factor(ABC):
         return x
 
     def substitution_bound(self) -> float:
-        """Return a bound on the relative error of every entry of a solution, known before the solve; infinite here."""
+        """Return a bound on the relative error of every entry of a solution that is known before the solve.
+
+        The result is infinite for methods without such a bound, the default.
+        """
         return np.inf
 
     @abstractmethod

@@ -35,9 +35,9 @@ from resgrid.solvers.supernodal import factor_supernodes
 from resgrid.solvers.symbolic import Symbolic
 
 _FEW = 300
-"""Approximate number of resistors whose conductances are compared with the nominal ones, to scale a chip's equations.
+"""Approximate number of resistors from which the unit of a chip's equations is estimated.
 
-The equations of a chip are divided by the nominal unit times the median of these ratios.
+The equations are divided by the nominal unit times the median ratio of these conductances to the nominal ones.
 """
 
 _LEFT = 16 * ROUNDING
@@ -53,10 +53,10 @@ The error is due to rounding. For currents of both signs the bound is relative t
 """
 
 _FORBIDDEN = 1e-9
-"""Smallest tolerance of `solve_in_order`, relative to the chip's largest magnitude of a voltage.
+"""Smallest tolerance of `solve_in_order`, relative to the largest magnitude of a voltage of the chip.
 
-Smaller tolerances are raised to it. A solution is accepted if the bound on its rounding error is at most the tolerance
-times that magnitude.
+A smaller tolerance is replaced by this value. A solution is accepted if the bound on its rounding error is at most the
+tolerance times that magnitude.
 """
 
 _EVEN = 1e4
@@ -178,10 +178,11 @@ class WarmGrid:
 
     @classmethod
     def of(cls, laplacian: Laplacian, drive: Floats, flat: bool) -> WarmGrid | None:
-        """Return the equations of a grid with solution 0; None unless its cells can be coloured red and black.
+        """Return the equations of a grid, with 0 as the latest solution.
 
-        None also results if the coarse levels are not formed from blocks of cells. `laplacian`: the matrix; `drive`
-        (n,): currents in amperes; `flat`: whether there is a single rail.
+        The result is None unless the grid's cells can be coloured red and black and the coarse multigrid levels are
+        formed from blocks of cells. `laplacian`: the matrix; `drive` (n,): currents in amperes; `flat`: whether there
+        is a single rail.
         """
         hierarchy, grid = build_hierarchy(laplacian), laplacian.grid
         if hierarchy.grid is None or grid is None:
@@ -232,10 +233,10 @@ class WarmGrid:
     def change(self, box: Box, core: Box, laplacian: Laplacian, drive: Floats, *, solve: bool, follow: bool) -> None:
         """Replace the equations of a box of cells, and update the solution there.
 
-        `box`: slices of the cells in the grid; `core`: slices, relative to the box, of the cells all of whose
-        neighbours are known; only their equations are replaced. `laplacian`: matrix on the grid of the box, its rows in
+        `box`: slices of the cells in the grid; `core`: slices, relative to the box, of the cells without neighbours
+        outside the box; only their equations are replaced. `laplacian`: matrix on the grid of the box, its rows in
         C order; `drive` (n,): current into every row of this matrix, in amperes; `solve`: whether to solve the new
-        equations (otherwise only cells with the value 0 are updated, by one relaxation); `follow`: whether to correct
+        equations (otherwise only cells with the value 0 are updated, by one Jacobi step); `follow`: whether to correct
         the solution outside the box too.
         """
         assert laplacian.grid is not None
@@ -294,8 +295,9 @@ class WarmGrid:
     def _aggregate(self, slot: Indices, present: NDArray[np.bool_]) -> None:
         """Assign new black cells to the aggregate (coarse node) of a black cell behind their strongest red neighbour.
 
-        `slot` (m,): indices of some black cells in arrays over the black cells of the finest level, from 0; `present`
-        (m,): whether each has an equation; cells without one get the aggregate 0, which means none.
+        A cell is new if it has an equation and no aggregate yet. `slot` (m,): indices of some black cells in arrays
+        over the black cells of the finest level, from 0; `present` (m,): whether each has an equation; cells without
+        an equation get the number 0, which stands for no aggregate.
         """
         target, faces, distance = self.finest.aggregate, self.finest.true.faces, self.lattice.distance
         target[slot[~present]] = 0

@@ -91,11 +91,11 @@ class MethodChoice(NamedTuple):
     def memory(self) -> float:
         """Estimated peak memory in addition to the netlist, in bytes.
 
-        The entries of a known elimination order are counted (`resgrid.solvers.symbolic`). Otherwise ``n`` rows have
-        about ``n log n`` entries on planes, ``n**(4/3)`` in three dimensions, ``n**(3/2)`` in four (George & Liu 1981),
-        with constants measured on open grids, which have the most fill. The constants of multigrid are a tenth above
-        the measured ones, on grids (without compressed rows) and on other netlists. The accuracy "direction"
-        additionally needs compressed rows and numbers with separate exponents.
+        Direct method: the number of entries of the factors is known with an elimination order. Otherwise it is about
+        ``n log n`` for ``n`` rows on planes, ``n**(4/3)`` in three dimensions, ``n**(3/2)`` in four (George & Liu
+        1981), with constants measured on open grids, which have the most fill. Multigrid: the memory per row and per
+        matrix entry is a tenth above the measured one, on grids (without compressed rows) and on other netlists; the
+        accuracy "direction" also needs compressed rows and numbers with separate exponents.
         """
         laplacian, order, n = self.laplacian, self.order, self.laplacian.size
         if self.method == "multigrid":
@@ -130,7 +130,7 @@ A range of up to `_EVEN` orders of magnitude costs no time; each further one mul
 _LEAST_DECADES, _MOST_DECADES = 30.0, 250.0
 """Smallest and largest fall of the potential, in orders of magnitude, in the comparison of the methods.
 
-The first is assumed for the first comparison, before the fall is estimated. Beyond the second iterative refinement by
+The first is assumed for the first comparison, before the fall is estimated. Beyond the second, iterative refinement by
 multigrid takes too long, and the direct method is used.
 """
 
@@ -294,8 +294,8 @@ def _faster_for_voltages(iterative: MethodChoice, corridors: Corridors) -> Metho
     """Return the faster method for normwise accuracy.
 
     `iterative`: the choice of multigrid; `corridors`: quantities that determine the costs. The direct method can be
-    faster in two cases: elimination by distance from the ground along corridors narrower than `SPARSE_WIDTH`, chains
-    and trees; and elimination by minimum fill on planes whose conductances span many orders of magnitude.
+    faster in two cases: elimination by distance from the ground along corridors narrower than `SPARSE_WIDTH` (chains
+    and trees), and elimination by minimum fill on planes whose conductances span many orders of magnitude.
     """
     seconds = corridors.contrast * multigrid_seconds(iterative.laplacian, corridors.width, None)
     if corridors.width < SPARSE_WIDTH or corridors.contrast > 1.0:

@@ -120,7 +120,7 @@ def quotient_graph(indptr: Indices, indices: Indices) -> Quotient:
 def minimum_fill(
     q: Quotient, place: Indices, kept: int, dense: int, most: float, most_members: int, step: Indices
 ) -> bool:
-    """Eliminate the rows in order of approximate least fill; return whether both limits are kept.
+    """Eliminate the rows in order of approximate least fill; return False if `most` or `most_members` is exceeded.
 
     Rows with ``place[i] >= kept``, which odd-even reduction eliminates, come first; rows with more than ``dense``
     neighbours come last.

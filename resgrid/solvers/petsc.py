@@ -252,9 +252,9 @@ def _end(process: subprocess.Popen[bytes]) -> None:
 
 
 def _last_words(log: str) -> str:
-    """Return up to three lines of a log that report errors, joined to one line; else its last three lines.
+    """Return up to three lines of a log that report errors, joined to one line; without such lines the last three.
 
-    `log`: text of the log. Lines with "Error", "signal" or "exited" count as reports of errors.
+    `log`: text of the log. A line reports an error if it contains "Error", "signal" or "exited".
     """
     lines = [line.strip() for line in log.splitlines()]
     telling = [line for line in lines if "Error" in line or "signal" in line or "exited" in line]

@@ -32,7 +32,10 @@ _CONVERGED = 1e-12
 """Largest componentwise backward error of an accepted solution, if the relative error of its entries has no bound."""
 
 CERTAIN = 1e-9
-"""Error of an entry, relative to the largest magnitude, up to which a solution needs no further check or correction."""
+"""Error of an entry up to which a solution needs no further check or correction.
+
+The error is relative to the largest magnitude of an entry of the solution.
+"""
 
 _MOST_STEPS = 60
 """Maximum number of refinement steps of one solution."""
@@ -57,7 +60,9 @@ With this margin the last correction rarely misses the limit.
 """
 
 _HOPELESS = 1e-4
-"""Componentwise backward error above which some rows are solved directly, since they have few correct digits or none.
+"""Componentwise backward error above which the rows that are not converged are solved directly.
+
+These rows then have few correct digits or none.
 """
 
 _PROVED = 1e-6
@@ -163,9 +168,9 @@ def refine(
     ``(b + |A| |x|)_i``, that counts as rounding error of the row's sum of currents; `exact`: whether to compute
     residuals in double-double, so that the solution is the nearest double (also done if the currents of a row's
     resistors are at most 1e-14 of ``(b + |A| |x|)_i``); `first_bound`: bound on the relative error of entries of the
-    first approximation: a larger correction is rounding error of conductances that span more orders of magnitude than
-    double-doubles; `resolve`: whether to solve a few rows without correct digits directly; `threads`: share the
-    computation of residuals.
+    first approximation. A larger correction is discarded and ends the refinement, since it is rounding error: the
+    conductances span more orders of magnitude than double-doubles; `resolve`: whether to solve a few rows without
+    correct digits directly; `threads`: share the computation of residuals.
     """
     matrix, current = laplacian.graph, scaled_currents(rhs)
     residual = current[0].copy(), current[1].copy()
@@ -281,8 +286,8 @@ def quotient(parts: list[Scaled], x: Scaled) -> float:
 def resolve_rows(laplacian: Laplacian, residual: Floats, x: Scaled, current: Numbers) -> Scaled | None:
     """Return the voltages after a direct solution of the rows that are not converged; None for too many rows.
 
-    The neighbourhood of these rows is solved too; all other voltages are held fixed. The currents from the other rows
-    are the residual for zero voltages in the rows that are solved.
+    The neighbourhood of these rows is solved too; all other voltages are held fixed. The right-hand side of the solved
+    rows is their residual of KCL when their own voltages are set to 0.
 
     `residual` (n,): 0 in rows that are converged; `x` (n,): voltages; `current`: mantissas and exponents of the
     right-hand side, (n,) each.
@@ -300,10 +305,11 @@ def resolve_rows(laplacian: Laplacian, residual: Floats, x: Scaled, current: Num
 
 
 def _around(laplacian: Laplacian, rows: NDArray[np.bool_]) -> NDArray[np.bool_] | None:
-    """Return a mask (n,) of some rows and their neighbourhood; None if there are no rows or too many.
+    """Return a mask (n,) of given rows and their neighbourhood; None if no row is given, or the mask has too many rows.
 
-    `rows` (n,): mask of the rows; the neighbourhood consists of the rows within a few steps along resistors (`_STEPS`);
-    too many are more than the limits `_MOST`, `_MOST_OF_PLANE` or 1/`_ONE_IN` of all rows.
+    `rows` (n,): mask of the given rows. The neighbourhood consists of the rows within some steps along resistors: 2 to
+    8, or more, see `_STEPS`. Too many rows are more than `_MOST` (on a two-dimensional grid `_MOST_OF_PLANE`), or more
+    than 1/`_ONE_IN` of all rows.
     """
     plane = laplacian.grid is not None and laplacian.dimensions == 2
     most, edge = min(_MOST_OF_PLANE if plane else _MOST, laplacian.size // _ONE_IN), np.flatnonzero(rows)

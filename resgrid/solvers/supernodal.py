@@ -211,7 +211,7 @@ def _update(factors: SupernodalFactors, work: Workspace, other: int, node: int) 
 def _weigh(
     factors: SupernodalFactors, work: Workspace, first: int, columns: int, here: int, apart: int, row: int
 ) -> None:
-    """Write the conductances from eliminated columns to ``row`` into ``work.weight``.
+    """Write the conductances from eliminated columns to ``row``, in siemens, into ``work.weight``.
 
     The ground conductance that the elimination of the columns gives the row is added to ``work.grounded[row]``.
 

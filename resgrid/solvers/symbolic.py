@@ -277,8 +277,8 @@ def list_supernodes(
     """Merge columns of the factor into supernodes; return the number of supernodes, and the rows of all supernodes.
 
     A column has entries in the rows of its neighbours and of its children. A child is a supernode whose first row below
-    its own columns is this column (Liu 1990). A column joins the previous supernode while the zeros
-    are within the limits `_FEW` and `_SHARE`, and the columns within `_WIDEST`.
+    its own columns is this column (Liu 1990). A column joins the previous supernode if this has an entry in the row of
+    the column, and if zeros and columns of the result are within the limits `_FEW`, `_SHARE` and `_WIDEST`.
 
     `kept`: number of columns; `most, most_rows`: maximum number of entries, and of rows of all supernodes; `first,
     start` (kept + 1,): receive the fields of `Supernodes`; `seen, branch, sibling` (kept + 1,): work arrays, for the
