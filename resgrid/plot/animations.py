@@ -247,12 +247,15 @@ def frame_rows(run: Run, count: int) -> NDArray[np.int64]:
     """Return the row indices (n,) of a run's log that are shown as frames, ascending.
 
     The rows are those of `count` evenly spaced times, the last row, and the first `count` rows in which control learns
-    obstacle cells.  Of more than 588 rows, only the first 588 are returned.
+    obstacle cells.  Of these lessons, only the earliest are shown if there would be more than 588 frames.
     """
     times = np.linspace(run.time[0], run.time[-1], count)
     rows = np.searchsorted(run.time, times).clip(0, len(run.time) - 1)
-    lessons = [lesson.step for lesson in run.lessons][:count]
-    return np.unique([*rows.tolist(), *lessons, len(run.time) - 1])[: MOST_FRAMES - _HELD]
+    rows[-1] = len(run.time) - 1
+    spaced = np.unique(rows)
+    lessons = np.unique([lesson.step for lesson in run.lessons][:count]).astype(np.int64)
+    extra = np.setdiff1d(lessons, spaced)[: MOST_FRAMES - _HELD - len(spaced)]
+    return np.union1d(spaced, extra)
 
 
 def _workspace(run: Run, axes: Axes) -> Callable[[int], list[Artist]]:

@@ -88,6 +88,16 @@ def frames_of(file) -> list[np.ndarray]:
         return [np.asarray((picture.seek(number), picture.convert("RGB"))[1]) for number in range(picture.n_frames)]
 
 
+def test_a_long_run_with_many_lessons_is_shown_to_its_end(run: rg.control.Run) -> None:
+    rows = np.arange(4000)
+    lessons = tuple(replace(run.lessons[0], step=int(step)) for step in rows[:1500:3])
+    long = replace(run, time=rows.astype(np.float64), lessons=lessons)
+    shown = frame_rows(long, 500)
+    assert len(shown) == 588
+    assert {0, 3999} <= set(shown.tolist()) and np.diff(shown).max() <= 9
+    assert set(range(0, 90, 3)) <= set(shown.tolist())  # the earliest lessons
+
+
 def test_an_animation_of_a_run_contains_its_first_and_last_frame(run: rg.control.Run, tmp_path) -> None:
     assert {0, len(run.time) - 1} <= set(frame_rows(run, 6).tolist())
     drawn: list[int] = []
