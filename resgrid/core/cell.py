@@ -43,9 +43,10 @@ def checked_undecided(cells: NDArray[np.uint8], undecided: ArrayLike) -> NDArray
 
 
 def checked_cells(axes: tuple[Axis, ...], given: ArrayLike) -> NDArray[np.uint8]:
-    """Return cell codes as a uint8 array of the axes' shape; raise InputError for a wrong shape, value or axis.
+    """Return cell codes as a uint8 array of the axes' shape; raise InputError for a wrong shape or value.
 
-    `axes`: axes of the space; `given`: codes (0 free, 1 obstacle, 2 goal) or booleans, as the caller passes them.
+    InputError is also raised for more than 4 axes, and for axes of equal names.  `axes`: axes of the space; `given`:
+    codes (0 free, 1 obstacle, 2 goal) or booleans (True is an obstacle) of all cells.
     """
     cell = real_numbers("cell", given)
     if not 1 <= len(axes) <= MAX_DIMENSIONS:
@@ -78,8 +79,9 @@ def checked_conductivity(shape: tuple[int, ...], value: ArrayLike) -> NDArray[np
 def checked_goal_points(axes: tuple[Axis, ...], cells: NDArray[np.uint8], value: ArrayLike) -> NDArray[np.float64]:
     """Return the goal points in axis units (goal cells, ndim); raise InputError if one lies outside its cell.
 
-    A goal point is the configuration in a goal cell that solves the goal, NaN if every one does.  `value`: points as
-    the caller passes them, in C order of the goal cells; `axes`, `cells`: axes of the space and `Cell` codes.
+    A goal point is the configuration in a goal cell that solves the goal; it is NaN if every configuration of the cell
+    does.  `axes`, `cells`: axes of the space and `Cell` codes; `value` (goal cells, ndim): points in axis units, in C
+    order of the goal cells.
     """
     points = np.array(value, dtype=np.float64, order="C")
     goals = np.argwhere(cells == Cell.GOAL)

@@ -41,7 +41,10 @@ class CellLattice(Lattice):
         return np.asarray(site, dtype=np.int64)
 
     def beyond(self, step: int, sense: int) -> Index:
-        """Return the indices of the neighbouring cells in one direction, without wrapping."""
+        """Return the indices of the neighbours of all cells in one direction; they may lie outside the grid.
+
+        `step`: index of the step; `sense`: 1 for the step, -1 for its negative.
+        """
         return tuple(
             index + sense * int(offset)
             for index, offset in zip(np.indices(self.shape, sparse=True), self.offsets[step], strict=True)
@@ -55,7 +58,10 @@ class CellLattice(Lattice):
         return np.where((there < 0) | solid | solid.ravel()[there], 0.0, weight)
 
     def conductivity_at(self, step: int) -> NDArray[np.float64] | None:
-        """Return the harmonic mean of the conductivities of every cell and its neighbour, or that of the free cell."""
+        """Return the harmonic mean of the conductivities of every cell and its neighbour along a step.
+
+        If only one of the two cells is free, return its conductivity.  None if the space has no conductivities.
+        """
         c = self.space.conductivity
         if c is None:
             return None
@@ -66,7 +72,10 @@ class CellLattice(Lattice):
         return np.asarray(here * (2.0 * beyond / (here + beyond)))
 
     def contact_weight(self, step: int) -> float:
-        """Return the weight of the contact of a face neighbour; steps across edges and corners have none."""
+        """Return the weight of the contact with an obstacle that replaces a blocked step.
+
+        The weight is 0 for steps across edges and corners of cells, which have no contact.
+        """
         return float(self.plain[step])
 
     def _open_blocks(self, offset: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -91,7 +100,7 @@ class CellLattice(Lattice):
         return clear
 
     def sites_in(self, cell: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return the cell itself, (1, ndim)."""
+        """Return the index of the only site in a cell, (1, ndim); it equals `cell` (ndim,), the index of the cell."""
         return cell[np.newaxis].astype(np.int64)
 
 
@@ -111,8 +120,9 @@ def cell_lattice(name: LatticeName, space: ConfigurationSpace) -> CellLattice:
 
 
 def stencil_of(name: LatticeName, space: ConfigurationSpace) -> dict[tuple[int, ...], float]:
-    """Return the weights of all neighbours by offset, times ``h_ref**2``; raise InputError unless all are positive.
+    """Return the weights of all neighbours, times ``h_ref**2``, by the offset of the neighbour in cell indices.
 
+    Raise InputError unless all weights are positive.
     On a ring of a single cell, a step along the ring leads back to the cell: offsets along it become 0, and the
     weights of equal offsets are added.
     """

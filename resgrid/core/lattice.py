@@ -29,7 +29,8 @@ class Lattice(ABC):
 
     `space`: the space; `name`: name of the lattice; `shape`: number of sites along every axis of the lattice;
     `steps` (n, ndim): displacements to half of the neighbours, in axis units; the other steps are their negatives;
-    `weights` (n,): weight of every step in open space.
+    `weights` (n,): weight of every step far from obstacles, which is the conductance of the resistor along the step in
+    units of 1 / resistance, at conductivity 1.
     """
 
     space: ConfigurationSpace
@@ -45,7 +46,7 @@ class Lattice(ABC):
 
     @property
     def directions(self) -> list[tuple[int, int]]:
-        """Step and sense of all directions; the sense is 1 for the step, and -1 for its negative, which follows it."""
+        """Pairs (index of the step, sense) of all directions: sense 1 for the step, then -1 for its negative."""
         return [(step, sense) for step in range(len(self.steps)) for sense in (1, -1)]
 
     @abstractmethod
@@ -62,7 +63,9 @@ class Lattice(ABC):
 
     @abstractmethod
     def beyond(self, step: int, sense: int) -> Index:
-        """Return the indices of the neighbours of all sites in one direction, without wrapping, in the lattice's shape.
+        """Return the indices of the neighbours of all sites in one direction; they may lie outside the lattice.
+
+        The result has one array per axis, which broadcasts to the lattice's shape.  Periodic axes are not wrapped.
 
         `step`: index of the step; `sense`: 1 for the step, -1 for its negative.
         """
@@ -105,9 +108,10 @@ class Lattice(ABC):
         return np.where(inside, np.ravel_multi_index(index, self.shape), -1)
 
     def outside(self, step: int, sense: int, axis: int) -> NDArray[np.bool_]:
-        """Return whether the neighbour of every site in one direction lies outside along an axis, which has an edge.
+        """Return whether the neighbour of every site in one direction lies beyond an end of an axis.
 
-        `step`: index of the step; `sense`: 1 for the step, -1 for its negative; `axis`: index of the axis.
+        The result has the lattice's shape, and is False for a periodic axis.  `step`: index of the step; `sense`: 1 for
+        the step, -1 for its negative; `axis`: index of the axis.
         """
         along = self.beyond(step, sense)[axis]
         beyond = (along < 0) | (along >= self.shape[axis])
@@ -150,6 +154,6 @@ class Lattice(ABC):
 
 
 def require_square(name: LatticeName, subject: str) -> None:
-    """Raise InputError for another lattice than "square"; `subject`: function that needs face neighbours."""
+    """Raise InputError unless `name` is "square"; `subject`: noun phrase that begins the message."""
     if name != SQUARE:
         raise InputError(f"{subject} needs cells with face neighbours, not lattice = {name!r}; use lattice = 'square'")

@@ -22,7 +22,10 @@ ELEMENTS: dict[str, tuple[str, dict[str, str]]] = {
     "capacitor": ("capacitor_nodes", {"capacitance": "capacitance"}),
     "nonlinear resistor": ("nonlinear_nodes", {"current": "nonlinear_current", "voltage": "nonlinear_voltage"}),
 }
-"""Names of the fields of a netlist per kind of element: the field of the nodes, and value fields by graph attribute."""
+"""Names of the fields of a netlist by kind of element: the field of the nodes, and the fields of the values.
+
+The fields of the values are given by the names of the attributes of graph edges that have the same values.
+"""
 
 ARRAYS = {kind: (nodes, *columns.values()) for kind, (nodes, columns) in ELEMENTS.items()}
 """Names of the fields of a netlist per kind of element: first the field of the nodes, then the fields of the values."""
@@ -30,7 +33,9 @@ ARRAYS = {kind: (nodes, *columns.values()) for kind, (nodes, columns) in ELEMENT
 _OPTIONAL = ("tc1", "tc2")
 _SYMMETRIC = ("resistor", "capacitor", "nonlinear resistor")
 _ROUNDING = 1e-9
-"""Largest relative difference between the conductance and the inverse resistance that the attributes of an edge state.
+"""Largest relative difference between the attribute ``conductance`` of an edge and the inverse of ``resistance``.
+
+Beyond it, InputError is raised.
 """
 
 Edge: TypeAlias = tuple[Hashable, Hashable, Mapping[str, Any]]

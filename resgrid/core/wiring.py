@@ -22,7 +22,7 @@ EdgeRule = Literal["obstacle", "open", "periodic"]
 Rails = Literal["merged", "cells"]
 
 _LEAST_SIEMENS = float(np.finfo(np.float64).tiny)
-"""Smallest conductance of a leak, in siemens: the smallest normal number of float64."""
+"""Smallest conductance of a leak, in siemens: the smallest normal number of float64; below it InputError is raised."""
 
 
 class WiringOptions(TypedDict, total=False):
@@ -293,9 +293,9 @@ def wiring_of(wiring: Wiring | None, options: Mapping[str, Any], default: Mappin
     """Return a wiring with some fields replaced.
 
     `wiring`: wiring to change, None for a new wiring from the fields `default`; `options`: new values of fields by
-    name; None keeps the old value; `default`: fields of a new wiring.  A change of the boundary condition resets the
-    fields ``drive``, ``start`` and ``wall_resistance``, and takes the wall resistance of `default`.  A leak replaces a
-    uniform drive.
+    name; None keeps the old value; `default`: fields of a new wiring, by name.  If `options` change the boundary
+    condition of `wiring`, the fields ``drive`` and ``start`` are reset to None, and ``wall_resistance`` to the value in
+    `default`, or None.  A leak in `options` replaces a uniform drive.
     """
     _check_names(options)
     given = {name: value for name, value in options.items() if value is not None}
