@@ -20,8 +20,8 @@ from resgrid.errors import InputError
 class CellLattice(Lattice):
     """One site per cell, with steps to face neighbours and across edges and corners of cells.
 
-    `offsets` (n, ndim): steps as differences of cell indices; `plain` (n,): weights of face neighbours alone, 0 for
-    other steps.
+    `offsets` (n, ndim): steps as differences of cell indices; `plain` (n,): weights of the steps in the stencil of face
+    neighbours alone, 0 for steps across edges and corners.
 
     Around every corner of the grid lies a block of ``2**ndim`` cells.  The weight of a step is the mean over the blocks
     that contain its two cells.  A block of free and goal cells has the weights of the stencil, any other block those of
@@ -92,7 +92,10 @@ class CellLattice(Lattice):
 
     @cached_property
     def _blocks(self) -> NDArray[np.bool_]:
-        """Whether the block around every corner of the grid has no obstacle and lies inside, shape of the space + 1."""
+        """Whether the block of cells around every corner of a cell has no obstacle and lies inside the grid.
+
+        The shape is that of the space plus one along every axis.
+        """
         wide = with_margin(self.space.cell != Cell.OBSTACLE, self.space.periodic, beyond=False)
         clear = np.ones([size + 1 for size in self.shape], dtype=np.bool_)
         for corner in product((0, 1), repeat=self.space.ndim):
@@ -148,9 +151,9 @@ def stencil_of(name: LatticeName, space: ConfigurationSpace) -> dict[tuple[int, 
 def _coefficient(moves: NDArray[np.bool_], a: NDArray[np.float64]) -> float:
     """Return the coefficient of a neighbour in the stencil at the head of `resgrid.core.lattices`.
 
-    `moves` (ndim,): axes along which the neighbour differs; `a` (ndim,): ``(h_ref / h)**2`` of every axis.  A product
-    of second differences over the axes ``S`` contributes to the neighbours within ``S``: ``(-2)**(axes of S without
-    move)``.
+    `moves` (ndim,): mask of the axes along which the index of the neighbour differs; `a` (ndim,): ``(h_ref / h)**2`` of
+    every axis.  The product of the second differences along a set ``S`` of axes contributes to every neighbour that
+    differs along axes of ``S`` only: the factor is ``(-2)**(number of axes of S along which it does not differ)``.
     """
     ndim, total = len(a), 0.0
     for chosen in product((False, True), repeat=ndim):

@@ -226,8 +226,9 @@ def _as_tuple(cell: NDArray[np.int64]) -> tuple[int, ...]:
 def _check_motion(path: Streamline, axis: Integers, side: Integers) -> None:
     """Raise CertificateError unless the current, linear between faces, carries every point to the next.
 
-    `axis, side` (steps,): axis and direction, 1 or -1, of every crossing.  Near a stagnation point, rounding of the
-    entry changes exit and time much: they are compared with bounds over all entries within rounding error.
+    `axis`, `side` (steps,): axis and direction, 1 or -1, of every crossing.  Near a stagnation point, a rounding error
+    of the entry point changes the exit point and the time much.  Both are therefore compared with bounds over all entry
+    points within rounding error.
     """
     local = _cell_positions(path)
     steps, slack = np.arange(len(axis)), _SLACK * path.space.rounding
@@ -253,9 +254,10 @@ def _check_motion(path: Streamline, axis: Integers, side: Integers) -> None:
 
 
 def _exit_times(x: Floats, enter: Floats, leave: Floats, slack: Floats) -> tuple[Floats, Floats, NDArray[np.bool_]]:
-    """Return least and largest times (steps,) from positions ``x +- slack`` to the face at 1, and a mask (steps,).
+    """Return the least and the largest time (steps,) from positions within `slack` of `x` to the face at 1, and a mask.
 
-    The velocity is linear from `enter` at 0 to ``leave > 0`` at 1.  The mask is False where the velocity may be zero.
+    The velocity is linear from `enter` at 0 to ``leave > 0`` at 1.  The mask (steps,) is False where the velocity may
+    be zero or negative at such a position.  `x` (steps,): positions in [0, 1] along the crossed axis.
     """
     before, after = np.maximum(x - slack, 0.0), np.minimum(x + slack, 1.0)
     slowest, fastest = (enter * (1.0 - at) + leave * at for at in (before, after))
@@ -273,7 +275,10 @@ def _exit_times(x: Floats, enter: Floats, leave: Floats, slack: Floats) -> tuple
 
 
 def _travel_time(x: Floats, velocity: Floats, leave: Floats) -> Floats:
-    """Return times from `x` to 1, with velocities linear from `velocity` at x to `leave` at 1; inf if not positive."""
+    """Return the times from `x` to 1, for velocities linear from `velocity` at `x` to `leave` at 1.
+
+    The time is infinite where `velocity` is not positive.
+    """
     runs = velocity > 0
     z = np.where(runs, leave / np.where(runs, velocity, 1.0), 1.0) - 1.0
     factor = np.where(np.abs(z) < 1e-8, 1.0 - 0.5 * z, np.log1p(z) / np.where(z == 0, 1.0, z))
@@ -283,7 +288,11 @@ def _travel_time(x: Floats, velocity: Floats, leave: Floats) -> Floats:
 def _exit_bounds(
     start: Floats, lower: Floats, upper: Floats, times: tuple[Floats, Floats], slack: Floats
 ) -> tuple[Floats, Floats]:
-    """Return bounds (steps, ndim) of positions `times` after ``start +- slack``; `lower, upper`: face velocities."""
+    """Return the lower and the upper bounds of positions in [0, 1] after the given times, (steps, ndim).
+
+    `start` (steps, ndim): initial positions within the cells, each uncertain by `slack` (ndim,); `lower`, `upper`
+    (steps, ndim): velocities at the lower and the upper faces; `times`: least and largest time (steps,).
+    """
     ends = [
         _advance(np.clip(start + off, 0.0, 1.0), lower, upper, time[:, np.newaxis])
         for off, time in product((-slack, slack), times)
@@ -300,7 +309,10 @@ def _advance(x: Floats, lower: Floats, upper: Floats, time: Floats) -> Floats:
 
 
 def _check_duration(path: Streamline, log_shortest: Floats, log_longest: Floats) -> None:
-    """Raise CertificateError unless the duration lies between the sums of the shortest and longest times (as ln)."""
+    """Raise CertificateError unless the duration of a path lies between the sums of the shortest and longest times.
+
+    `log_shortest`, `log_longest` (steps,): natural logarithms of the times in the visited cells.
+    """
     unit = 2.0 * np.log(path.space.spacing.min())
     low, high = (float(np.logaddexp.reduce(logs, initial=-np.inf) + unit) for logs in (log_shortest, log_longest))
     claimed = float(path.log_duration)

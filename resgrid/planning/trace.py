@@ -27,7 +27,7 @@ from resgrid.planning.fields import Field
 from resgrid.planning.streamline import Outcome, Streamline
 
 _BATCH = 1 << 18
-"""Maximum number of streamlines per kernel call in `basins`, which limits the memory for their end points."""
+"""Number of streamlines that `basins` traces in one kernel call; it limits the memory for their end points."""
 
 
 @frozen
@@ -46,8 +46,8 @@ class Traces:
     length : ndarray of float64, shape (n,)
         Length in axis units, last leg included; NaN if the streamline does not reach a goal.
     log_duration : ndarray of float64, shape (n,)
-        Natural logarithm of the time to the goal cell's face at the velocity ``-conductivity * grad(phi)``; NaN without
-        motion.
+        Natural logarithm of the time to the goal cell's face, or to the end of the streamline, at the velocity
+        ``-conductivity * grad(phi)``; NaN without motion.
     steps : ndarray of int64, shape (n,)
         Number of crossed faces.
 
