@@ -51,7 +51,8 @@ class Axis:
     Raises
     ------
     InputError
-        If the ends are not finite and increasing, there is no cell, or cells are narrower than rounding errors.
+        If the ends are not finite and increasing, there is no cell, or cells are narrower than 64 times the
+        floating-point spacing at the larger magnitude of the two ends.
 
     Examples
     --------
@@ -123,8 +124,9 @@ def split_points(
 
 
 def rounding_errors(axes: Sequence[Axis], reach: ArrayLike | None = None) -> NDArray[np.float64]:
-    """Return the largest rounding error of coordinates per axis, as fractions of a cell's width, (ndim,).
+    """Return a bound on the rounding error of coordinates per axis, as fractions of a cell's width, (ndim,).
 
+    The bound is 8 times the floating-point spacing at the largest magnitude of a coordinate.
     `axes`: axes of the space; `reach` (ndim,): largest magnitude of a coordinate per axis that occurs in the conversion
     between world and space (`Frame.reach`); None for the larger magnitude of the two ends of every axis.
     """

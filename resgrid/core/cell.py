@@ -34,7 +34,10 @@ class Cell(IntEnum):
 
 
 def checked_undecided(cells: NDArray[np.uint8], undecided: ArrayLike) -> NDArray[np.bool_]:
-    """Return the mask of undecided cells, read-only; raise InputError unless all of them are obstacles in `cells`."""
+    """Return the mask `undecided` of undecided cells as a read-only array of the shape of the grid.
+
+    Raise InputError for another shape, or if an undecided cell is not an obstacle.  `cells`: `Cell` code of every cell.
+    """
     mask = np.array(undecided, dtype=np.bool_)
     if mask.shape != cells.shape or (mask & (cells != Cell.OBSTACLE)).any():
         raise InputError("undecided must have the shape of the grid, and be True for obstacle cells only")
@@ -65,7 +68,10 @@ def checked_cells(axes: tuple[Axis, ...], given: ArrayLike) -> NDArray[np.uint8]
 
 
 def checked_conductivity(shape: tuple[int, ...], value: ArrayLike) -> NDArray[np.float64]:
-    """Return the conductivity as an array of floats of `shape`; raise InputError for a wrong shape or value."""
+    """Return the conductivities as an array of floats of `shape`, the shape of the grid.
+
+    Raise InputError if `value` has another shape, or an entry that is not positive and finite.
+    """
     conductivity = np.array(value, dtype=np.float64, order="C")
     if conductivity.shape != shape:
         raise InputError(f"conductivity has shape {conductivity.shape}, but the cells have {shape}; make them equal")

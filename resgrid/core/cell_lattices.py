@@ -23,10 +23,10 @@ class CellLattice(Lattice):
     `offsets` (n, ndim): steps as differences of cell indices; `plain` (n,): weights of the steps in the stencil of face
     neighbours alone, 0 for steps across edges and corners.
 
-    Around every corner of the grid lies a block of ``2**ndim`` cells.  The weight of a step is the mean over the blocks
-    that contain its two cells.  A block of free and goal cells has the weights of the stencil, any other block those of
-    face neighbours.  Steps across an edge or a corner therefore exist only where no cell of a block is an obstacle, and
-    contacts with obstacles and edges are those of the lattice "square".
+    The ``2**ndim`` cells that meet at a corner of cells are called a block.  A block of free and goal cells has the
+    weights of the stencil; any other block has the weights of face neighbours alone.  The weight of a step is the mean
+    over the blocks that contain its two cells.  Steps across an edge or a corner therefore exist only where at least
+    one of these blocks has no obstacle, and contacts with obstacles and edges are those of the lattice "square".
     """
 
     offsets: NDArray[np.int64]

@@ -34,13 +34,13 @@ class CellMap:
         array of shape `resgrid.core.regions.face_shape`.  Face ``i`` is the lower face of cell ``i``.  On a periodic
         axis the last face equals the first one and is not used.
     resistor_upward : ndarray of bool, shape (resistors,)
-        Whether the first node of each resistor is on the lower side of the face.
+        Whether the first node of each resistor is on the lower side of the face; without meaning if it crosses no face.
     free_node : ndarray of int32, shape (free nodes,)
         Nodes of the free cells, in C order of the cells, without cells that have no node.
     obstacle_node : int
         Node of the obstacle rail, -1 without one.
     goal_nodes : tuple of int
-        Node of the rail of every goal region.
+        Node of the rail of every goal region; empty if every rail cell has a node of its own.
     nonlinear_face : ndarray of int64, shape (nonlinear resistors,)
         Cell face that each nonlinear resistor crosses, numbered like the faces of `resistor_face`; -1 for none.
     nonlinear_upward : ndarray of bool, shape (nonlinear resistors,)

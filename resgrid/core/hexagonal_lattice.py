@@ -21,7 +21,10 @@ _PHASES = 65
 """Number of trial positions of the first row; the position is chosen so that rows stay away from borders of cells."""
 
 _APART = 1e-4
-"""Distance of rows from borders of cells that is sufficient, as a fraction of a cell's width."""
+"""Smallest distance of rows from borders of cells in accepted positions of the rows, as a fraction of a cell's width.
+
+The most central accepted position is taken; without one, the position with the largest distance.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,13 +42,13 @@ class HexagonalLattice(Lattice):
     per_cell: int
 
     def points(self, site: ArrayLike) -> NDArray[np.float64]:
-        """Return the points of sites in axis units, (..., 2); `site` (..., 2): number in the row, number of the row."""
+        """Return the points of sites in axis units, (..., 2); `site` (..., 2): index in the row, index of the row."""
         i, j = np.moveaxis(np.asarray(site, dtype=np.int64), -1, 0)
         x = (i + np.where(j % 2 == 0, 0.25, 0.75)) * self.pitch
         return np.asarray(self.space.lower + np.stack([x, self.first + j * self.row], axis=-1))
 
     def cells(self, site: ArrayLike) -> NDArray[np.int64]:
-        """Return the cells that contain sites, (..., 2); `site` (..., 2): number in the row, number of the row."""
+        """Return the cells that contain sites, (..., 2); `site` (..., 2): index in the row, index of the row."""
         i, j = np.moveaxis(np.asarray(site, dtype=np.int64), -1, 0)
         return np.asarray(np.stack([i // self.per_cell, self._row_cells[j]], axis=-1))
 

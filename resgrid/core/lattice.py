@@ -20,7 +20,7 @@ SQUARE: LatticeName = "square"
 """Name of the default lattice, with face neighbours, which `resgrid.core.compiler` compiles."""
 
 Index = tuple[NDArray[np.int64], ...]
-"""One array of indices per axis of a lattice."""
+"""Indices of several sites or cells: one array of indices per axis."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +79,10 @@ class Lattice(ABC):
 
     @abstractmethod
     def conductivity_at(self, step: int) -> NDArray[np.float64] | None:
-        """Return the conductivity along a step from every site, in the lattice's shape; None if it is 1 everywhere."""
+        """Return the harmonic mean of the conductivity along a step from every site, in the lattice's shape.
+
+        None if the space has no conductivities, so that they are 1.
+        """
 
     @abstractmethod
     def contact_weight(self, step: int) -> float:
@@ -118,7 +121,10 @@ class Lattice(ABC):
         return np.asarray(np.broadcast_to(beyond & (not self.space.axes[axis].periodic), self.shape))
 
     def _wrapped(self, index: Index) -> tuple[Index, NDArray[np.bool_]]:
-        """Return indices wrapped on periodic axes (0 for indices outside), and whether they lie inside the lattice."""
+        """Return indices of sites wrapped on periodic axes, and whether the sites lie inside the lattice, in its shape.
+
+        The index along an axis is 0 if a site lies beyond an end of this axis.  `index`: one array per axis.
+        """
         inside = np.ones(self.shape, dtype=np.bool_)
         parts = []
         for along, size, axis in zip(index, self.shape, self.space.axes, strict=True):

@@ -40,7 +40,7 @@ _FACES = {
     "resistor": ("resistor_face", "resistor_upward"),
     "nonlinear resistor": ("nonlinear_face", "nonlinear_upward"),
 }
-"""Names of the fields of a `CellMap` with one entry per element, by kind of element: crossed face, and direction."""
+"""Names of two fields of a `CellMap` by kind of element: crossed faces, and whether first nodes are on lower sides."""
 
 
 @frozen

@@ -191,9 +191,10 @@ def face_counts(shape: tuple[int, ...]) -> tuple[int, ...]:
 
 
 def by_axis(faces: NDArray[Any], shape: tuple[int, ...]) -> tuple[NDArray[Any], ...]:
-    """Return one view per axis, of shape `face_shape`, of the flat array `faces` of face values.
+    """Return one view per axis, of shape `face_shape`, of a flat array of face values.
 
-    `shape`: number of cells along every axis.
+    `faces` (faces,): values of the faces perpendicular to the first axis, then to the second, and so on; `shape`:
+    number of cells along every axis.
     """
     parts = np.split(faces, np.cumsum(face_counts(shape))[:-1])
     return tuple(part.reshape(face_shape(shape, axis)) for axis, part in enumerate(parts))

@@ -65,11 +65,11 @@ class Wiring:
         cell tied to the high rail.  None for other boundary conditions, and for open obstacles with a leak.
     edge : {"obstacle", "open"} or a sequence of these
         Boundary condition at the edge of the grid, for all axes or per axis: the edge acts as an obstacle, or is open.
-        Periodic axes have no edge.
+        Periodic axes have no edge; their entry is ignored, and may also be ``"periodic"``.
     rails : {"merged", "cells"}
         Whether each rail is one node, or every obstacle and goal cell has its own node and source.
     resistance : float
-        Resistance between neighbours along the finest axis at conductivity 1, in ohms.
+        Resistance between neighbours along the axis with the smallest cell width, at conductivity 1, in ohms.
     supply : float
         Voltage of the obstacle rail, or of the driven start, above the goal rail, in volts; not zero, may be negative.
         With a uniform drive the total injected current is ``supply / resistance``.
@@ -238,7 +238,7 @@ class Wiring:
         Raises
         ------
         InputError
-            If the rules do not fit the axes.
+            If there is not one rule per axis, or a rule is ``"periodic"`` for an axis that is not periodic.
         """
         rules = (self.edge,) * space.ndim if isinstance(self.edge, str) else tuple(self.edge)
         if len(rules) != space.ndim:

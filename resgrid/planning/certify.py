@@ -35,8 +35,9 @@ def certify(path: Streamline | NodePath) -> None:
     - Length, clearance and duration agree with the polyline.
 
     A path from node to node of a lattice must begin in the cell of its first site; its steps must lead from site to
-    neighbouring site, along the largest current of each site and to no higher potential; and no segment may touch an
-    obstacle cell, not even at a corner.  Sites are distinct, and the last one lies in the stated goal region.
+    neighbouring site, along the largest current (or current density) of each site and to no higher potential; and no
+    segment may touch an obstacle cell, not even at a corner.  Sites are distinct, and the last one lies in the stated
+    goal region.
 
     For other outcomes, the outcome must be true, and the path must state no further results.
     The tolerance of positions is 1e-9 of a cell, or the rounding error of large coordinates.
@@ -114,7 +115,11 @@ def _check_still(path: Streamline) -> None:
 
 
 def _check_failure(path: Streamline) -> None:
-    """Raise CertificateError unless the start cell justifies the outcome of a streamline that reached no goal."""
+    """Raise CertificateError unless the outcome of a streamline that reached no goal is true.
+
+    The start cell decides: it is an obstacle, has no path to a goal, or has a path; in the last case (``no_current``)
+    no current of known direction may leave the last cell.
+    """
     start = tuple(path.cells[0])
     code = path.space.cell[start]
     connected = bool(path.space.goal_connected[start])
@@ -141,7 +146,10 @@ def _flows_out(path: Streamline) -> bool:
 
 
 def _check_cells(path: Streamline) -> None:
-    """Raise CertificateError unless visited cells are free and distinct, and the last one is in the stated goal."""
+    """Raise CertificateError unless visited cells are free and distinct.
+
+    If the path reached a goal, the last cell must be a goal cell of the stated goal region.
+    """
     cells = path.cells
     codes = path.space.cell[tuple(cells.T)]
     reached = path.outcome is Outcome.REACHED
@@ -156,7 +164,11 @@ def _check_cells(path: Streamline) -> None:
 
 
 def _check_crossings(path: Streamline) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return axis and direction (1 or -1) of every crossing, both (steps,); raise CertificateError if one is wrong."""
+    """Return the axis of every crossing of a face, and its direction along the axis, 1 or -1, both (steps,).
+
+    Raise CertificateError unless every crossing leads to the next cell of the path, lies on the face between both
+    cells, and follows the current.
+    """
     space = path.space
     here, there = path.cells[:-1].astype(np.int64), path.cells[1:].astype(np.int64)
     number = np.arange(len(here))

@@ -105,7 +105,10 @@ def _turns(path: NodePath, gap: Floats) -> Floats:
 
 
 def _in_cell(path: NodePath, point: Floats, cell: Integers) -> bool:
-    """Return whether a closed cell contains a point (ndim,) in axis units, to within rounding error."""
+    """Return whether a closed cell, or a periodic image of it, contains a point (ndim,) to within rounding error.
+
+    `path`: gives the space; `point` (ndim,): in axis units; `cell` (ndim,): index of the cell.
+    """
     space = path.space
     gap = point - space.axis_centre(cell)
     gap = (gap - _turns(path, gap)) / space.spacing
@@ -240,7 +243,11 @@ def _check_extent(path: NodePath) -> None:
 
 
 def _check_failure(path: NodePath) -> None:
-    """Raise CertificateError unless the start cell justifies the outcome of a path that reached no goal."""
+    """Raise CertificateError unless the outcome of a path that reached no goal is true.
+
+    The start cell decides: it is an obstacle, has no path to a goal, or has a path; in the last case (``no_current``)
+    no current may leave the last site.
+    """
     space, start = path.space, tuple(path.cells[0].tolist())
     code, connected = space.cell[start], bool(space.goal_connected[start])
     blocked = not space.goal_connected.any()

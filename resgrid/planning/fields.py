@@ -133,8 +133,8 @@ class Field:
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the scaled gradient of the potential at points within cells, and the logarithm of the scale.
 
-        The current through a face of axis ``a`` is ``(h_ref / h_a)**2`` times the decrease of the potential.  The
-        gradient is therefore minus the current times ``h_a``, up to a common factor, and linear between the faces.
+        At conductivity 1 the current through a face of axis ``a`` is ``(h_ref / h_a)**2`` times the decrease of the
+        potential.  The gradient is therefore minus the current times ``h_a / h_ref**2``, and linear between the faces.
 
         Parameters
         ----------
@@ -146,9 +146,9 @@ class Field:
         Returns
         -------
         gradient : ndarray of float64, shape (n, ndim)
-            Gradient divided by the scale of its cell.
+            Gradient times ``h_ref**2``, divided by the scale of its cell.
         log_scale : ndarray of float64, shape (n,)
-            Natural logarithm of the scale, which may exceed the range of float64.
+            Natural logarithm of the scale, the largest current through a face of the cell; 0 without current.
         """
         direction, log_current = self.faces_of(cells)
         largest = log_current.max(axis=(0, 2))
@@ -261,8 +261,8 @@ def field(op: OperatingPoint | WarmPoint) -> Field:
 
 
 Elements = tuple[NDArray[np.integer[Any]], NDArray[np.bool_], NDArray[np.int8], NDArray[np.float64]]
-"""Four arrays (elements,): index of the face that the element crosses (-1 for none), whether the element points along
-the axis, sign of its current, natural logarithm of the current's magnitude in amperes."""
+"""Four arrays (elements,): index of the face that the element crosses (-1 for none), whether its first node is on the
+lower side, sign of the current out of this node, natural logarithm of the current's magnitude in amperes."""
 
 
 def read_field(

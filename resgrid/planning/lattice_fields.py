@@ -48,8 +48,8 @@ class LatticeField:
         Natural logarithm of the drop ``u = 1 - phi``, accurate even where ``phi`` rounds to 1; -inf at sites without a
         path to a goal, NaN without a node.  None if the circuit has no high rail (uniform drive), and for blends.
     step_direction : tuple of ndarray of int8
-        Sign of the current along a step of the lattice from every site, 0 without current; one array of the lattice's
-        shape per step.  Contacts with obstacles are no steps.
+        Sign of the current along a step of the lattice from every site: 1 from the site to its neighbour, -1 towards
+        the site, 0 without current; one array of the lattice's shape per step.  Currents into obstacles are left out.
     step_log_current : tuple of ndarray of float64
         Natural logarithm of the current's magnitude, in units of supply / resistance and for the potential as scaled;
         -inf without current.
@@ -58,8 +58,8 @@ class LatticeField:
     read_out : {"density", "current"}
         Quantity that decides the step from a site: the largest current density ``I / (g |s|)`` of the current I along a
         step s with the weight g, or the largest current.  The two agree where all resistors are equal, as on a
-        hexagonal lattice of equal pitch.  On other lattices, the largest current prefers the larger conductances of
-        face neighbours, and almost never follows a diagonal.
+        hexagonal lattice with equal distances of neighbours.  On other lattices, the largest current prefers the larger
+        conductances of face neighbours, and almost never follows a diagonal.
     space : ConfigurationSpace
         Configuration space of the lattice.
     boundary : str
@@ -119,7 +119,10 @@ class LatticeField:
 
     @cached_property
     def obstacle_reach(self) -> NDArray[np.float64] | None:
-        """Upper bounds of the distance from any point of each cell to the nearest obstacle cell, in axis units."""
+        """Upper bounds of the distance from any point of each cell to the nearest obstacle cell, in axis units.
+
+        Shape of the space; None without an obstacle cell.
+        """
         return obstacle_reach(self.space)
 
     def outward(self, step: int, sense: int) -> NDArray[np.float64]:

@@ -41,7 +41,8 @@ class Leg:
     path : Streamline, NodePath or Polyline
         The leg; a polyline for a leg out of the inflated zone.
     kind : {"escape", "via", "goal", "approximate"}
-        End of the leg: the nearest free cell with a path, an intermediate pose, a goal, or the nearest reachable place.
+        ``"escape"``: the leg ends in the nearest free cell with a path; ``"via"``: at an intermediate pose; ``"goal"``:
+        in a goal; ``"approximate"``: at the reachable place that is nearest to a goal.
     certified : bool
         Whether the robot is proven to touch no obstacle on the leg.
 
@@ -75,13 +76,14 @@ class LegPath:
     reason : str or None
         Reason why no goal is reached; None if one is reached.
     distance : float or None
-        Distance, in axis units, of the end from the nearest goal, if the path ends at the nearest reachable place.
+        Distance, in axis units, of the end from the nearest goal, if the path ends at the nearest reachable place;
+        otherwise None.
     space : ConfigurationSpace
         Configuration space of the scene, without goals.
     start : tuple of float
         The requested start, in world coordinates.
     points : ndarray of float64, shape (n, ndim)
-        Points of all legs in world coordinates, continuous across periodic seams; only the start without a leg.
+        Points of all legs in world coordinates, continuous across periodic seams; only the start if there is no leg.
     certified : bool
         Whether all legs are certified.
     length : float

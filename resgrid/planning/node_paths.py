@@ -219,9 +219,10 @@ def follow_many_nodes(field: LatticeField, points: NDArray[np.float64]) -> Trace
 
 
 def _first_site(field: LatticeField, cell: NDArray[np.int64], point: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return the site at which a path begins, (ndim,): the nearest one of the start's cell, or the driven one.
+    """Return the index of the site at which a path begins, (ndim,): the nearest site in the cell of the start.
 
-    `cell` (ndim,): cell of the start; `point` (ndim,): start, in axis units.
+    In the cell that drives the circuit, it is the driven site, the nearest one to the centre of the cell.  `cell`
+    (ndim,): cell of the start; `point` (ndim,): start, in axis units.
     """
     driven = field.wiring.start
     if driven is not None and tuple(cell.tolist()) == tuple(driven):

@@ -34,11 +34,12 @@ class Collision:
     Attributes
     ----------
     segment : int
-        Index of the segment of the path.
+        Index of the segment of the path, or of the part between two knots of a trajectory.
     configuration : ndarray of float64, shape (ndim,)
         Configuration of the robot, in world coordinates.
     part : int
-        Index of the rigid part of the robot, such as the link of an arm; of a robot from a URDF file, of its body.
+        Index of the rigid part of the robot that collides, such as a link of an arm or a body of a robot from a URDF
+        file.
     obstacle : int or None
         Index of the obstacle in the given sequence; None for a collision of the robot with itself.
     names : tuple of (str, str) or None
