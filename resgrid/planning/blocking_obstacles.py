@@ -79,15 +79,15 @@ class Separation:
     space : ConfigurationSpace
         The space.
     start : tuple of int
-        Start cell.
+        Index of the start cell along every axis.
     outcome : Outcome
-        ``REACHED`` if a path to a goal exists.
+        ``REACHED`` if a path to a goal exists; otherwise ``NO_PATH``, ``GOAL_BLOCKED`` or ``START_BLOCKED``.
     barriers : Barriers
         All groups of obstacle cells.
     region : ndarray of bool, shape of the space
         Mask of the cells that the start can reach, goal cells included.
     bounding : tuple of int
-        Indices of the groups that touch the region.
+        Indices of the groups that share a face with the region; empty if the start lies in an obstacle.
     obstructions : tuple of Obstruction
         One entry for each goal region.
     edge : bool
@@ -146,11 +146,11 @@ class SceneSeparation:
     space : ConfigurationSpace
         Space of the scene.
     start : tuple of int
-        Start cell.
+        Index of the start cell along every axis.
     outcome : Outcome
-        ``REACHED`` if a path to a goal exists.
+        ``REACHED`` if a path to a goal exists; otherwise ``NO_PATH``, ``GOAL_BLOCKED`` or ``START_BLOCKED``.
     region : ndarray of bool, shape of the space
-        Mask of the cells that the start can reach.
+        Mask of the cells that the start can reach, goal cells included.
     parts : mapping of str to ndarray of bool, shape of the space
         Masks of blocked cells by name of the blocking part: ``"obstacle[0]"`` as in the scene file, ``"map"``,
         ``"mask[0]"`` (a keep-out mask), ``"unknown"`` (unknown space), ``"singularity"`` (virtual obstacles),

@@ -26,10 +26,10 @@ def escape_leg(
 ) -> Polyline | None:
     """Return the shortest straight line from a start in the inflated zone to a target cell.
 
-    The robot's centre crosses no obstacle on the line; None if there is no such line, or only longer ones than
-    `_MOST_TRIALS` others.  The inflated zone consists of the cells in which the robot, but not its centre, touches an
-    obstacle.  `space`: space of the scene without goals; `start` (ndim,): in world coordinates; `targets`: mask of free
-    cells, shape of the space.  Raise InputError for robots without radius.
+    The robot's centre crosses no obstacle on the line; None if the centre lies in an obstacle, or if no such line is
+    among the `_MOST_TRIALS` shortest lines.  The inflated zone consists of the cells in which the robot, but not its
+    centre, touches an obstacle.  `space`: space of the scene without goals; `start` (ndim,): in world coordinates;
+    `targets`: mask of free cells, shape of the space.  Raise InputError for robots without radius.
     """
     if not isinstance(scene.robot, PointRobot) or not scene.robot.radius:
         raise InputError("escape applies to discs and balls, which have a radius; other robots have no inflated zone")

@@ -75,9 +75,10 @@ class KeptCircuits:
         self.__init__(state["work"])  # type: ignore[misc]
 
     def solve(self, problem: Problem, wirings: Mapping[str, Wiring]) -> tuple[dict[str, Field], float]:
-        """Return the fields of a problem's circuits by name, and the mean fraction of eliminated nodes.
+        """Return the fields of a problem's circuits by name, and the mean fraction of nodes that were eliminated.
 
-        `wirings`: wirings of the circuits by name.  Raise NotSolvedError if a field is not direction-safe.
+        The fraction refers to the nodes of the elimination trees; it is 0 if no circuit carries current.  `wirings`:
+        wirings of the circuits by name.  Raise NotSolvedError if a field is not direction-safe.
         """
         space, fields, fractions = problem.space, dict[str, Field](), []
         with self._lock:

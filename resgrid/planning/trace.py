@@ -40,7 +40,7 @@ class Traces:
     Attributes
     ----------
     outcome : ndarray of str, shape (n,)
-        Values of `Outcome`.
+        Outcome of every streamline, as the text of `Outcome`, such as ``"reached"``.
     goal : ndarray of int64, shape (n,)
         Index of the reached goal region; -1 if the streamline reaches no goal.
     length : ndarray of float64, shape (n,)
@@ -285,9 +285,9 @@ def one_start(space: ConfigurationSpace, start: ArrayLike | None, cell: Sequence
 
 
 def cell_indices(space: ConfigurationSpace, cells: ArrayLike | None, ndim: int | None = None) -> NDArray[np.int64]:
-    """Return `cells` (..., space.ndim), indices of cells, as int64; raise InputError unless they are in the grid.
+    """Return `cells` (..., space.ndim), indices of cells, as int64; raise InputError unless all are in the grid.
 
-    `ndim`: required number of dimensions of the array `cells`; None for any number.
+    `ndim`: required number of dimensions of the array `cells`, 1 for a single cell, 2 for a list; None for any number.
     """
     index = np.asarray(cells)
     if index.dtype.kind not in "iu" or index.shape[-1:] != (space.ndim,) or ndim not in (None, index.ndim):
