@@ -106,7 +106,7 @@ def compile_space(space: ConfigurationSpace, wiring: Wiring | None = None, **opt
     InputError
         If an option is unknown, missing or inconsistent with others, or there is no goal cell.
     CircuitError
-        If a uniform drive has no free cell, or the start cell no path, that is connected to a goal.
+        If no free cell is connected to a goal (with a uniform drive), or the driven start cell is not.
     BudgetError
         If the netlist does not fit in memory.
 

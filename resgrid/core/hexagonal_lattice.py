@@ -31,9 +31,10 @@ The most central accepted position is taken; without one, the position with the 
 class HexagonalLattice(Lattice):
     """A triangular lattice with rows parallel to the first axis.
 
-    Rows begin alternately a quarter and three quarters of the pitch after the lower edge.  `pitch`: distance of
-    neighbours in a row; `row`: distance of neighbouring rows; `first`: distance of the first row from the lower edge,
-    all in axis units; `per_cell`: number of sites of a row in a cell.
+    Along the first axis, the first site of a row lies alternately a quarter and three quarters of the pitch above the
+    lower end of the axis.  `pitch`: distance of neighbours in a row; `row`: distance of neighbouring rows; `first`:
+    distance of the first row from the lower end of the second axis, all in axis units; `per_cell`: number of sites of a
+    row in a cell.
     """
 
     pitch: float
@@ -177,11 +178,11 @@ def hexagonal_rows(space: ConfigurationSpace) -> tuple[int, float, int, float]:
 
 
 def _first_row(space: ConfigurationSpace, rows: int, row: float) -> float:
-    """Return the distance of the first row from the lower edge, in axis units, such that no row lies on a cell border.
+    """Return the distance of the first row from the lower end of the second axis, in axis units.
 
-    The first row lies in the first cell, and the last row in the last cell.  The rows are centred in the grid, or moved
-    from there as little as possible.  `rows`: number of rows; `row`: distance of neighbouring rows.  Raise InputError
-    if, for every position, a row lies on a border of cells.
+    No row lies on a border of cells, the first row lies in the first cell, and the last row in the last cell.  The rows
+    are centred in the grid, or moved from there as little as possible.  `rows`: number of rows; `row`: distance of
+    neighbouring rows.  Raise InputError if, for every position, a row lies on a border of cells.
     """
     height, cells = float(space.spacing[1]), space.shape[1]
     length = height * cells

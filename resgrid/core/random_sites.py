@@ -26,7 +26,7 @@ MISMATCH, DEFECTS, OFFSET, NOISE = 1, 2, 3, 4
 def site_count(netlist: Netlist) -> int:
     """Return the number of sites of a netlist: its faces, and with a leak also its cells.
 
-    For a netlist that was not compiled from a space, return the number of resistors, nonlinear ones included.
+    For a netlist without a map of cells, return the number of resistors, nonlinear ones included.
     """
     if netlist.cell_map is None:
         return len(netlist.conductance) + len(netlist.nonlinear_current)
@@ -56,7 +56,7 @@ def on_grid(netlist: Netlist) -> NDArray[np.bool_]:
     """Return the mask (resistors,) of the resistors between cells and of the leaks.
 
     The mask is False for switches, rail segments and loads of the read-out, and True for all resistors of a netlist
-    that was not compiled from a space.
+    without a map of cells.
     """
     return np.asarray(resistor_sites(netlist)[0] >= 0)
 

@@ -33,7 +33,7 @@ class Replanning:
     reason : str or None
         Reason for a fresh plan; None for other methods.
     changed : int
-        Number of cells whose code or conductivity has changed.
+        Number of cells whose code or conductivity has changed; all cells if the axes have changed.
     eliminated : float
         Fraction of the nodes of the elimination tree that were eliminated, in [0, 1]: 1 in the first update, 0 for
         ``"unchanged"``, and the mean over both fields of a blend; NaN for a fresh plan.
