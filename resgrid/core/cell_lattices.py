@@ -125,9 +125,9 @@ def cell_lattice(name: LatticeName, space: ConfigurationSpace) -> CellLattice:
 def stencil_of(name: LatticeName, space: ConfigurationSpace) -> dict[tuple[int, ...], float]:
     """Return the weights of all neighbours, times ``h_ref**2``, by the offset of the neighbour in cell indices.
 
-    Raise InputError unless all weights are positive.
-    On a ring of a single cell, a step along the ring leads back to the cell: offsets along it become 0, and the
-    weights of equal offsets are added.
+    On a ring of a single cell, a step along the ring leads back to the cell: offsets along the ring become 0, and the
+    weights of equal offsets are added.  Raise InputError unless all weights are positive.  `name`: name of the lattice,
+    for the message.
     """
     h_ref = float(space.spacing.min())
     a = (h_ref / space.spacing) ** 2

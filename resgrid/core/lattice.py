@@ -146,7 +146,7 @@ class Lattice(ABC):
 
     @cached_property
     def central_sites(self) -> NDArray[np.int64]:
-        """Flat index of the site of each cell that is nearest to its centre, in the shape of the space."""
+        """Flat index of the site in each cell that is nearest to the centre of the cell, in the shape of the space."""
         cells = np.stack([along.ravel() for along in self.site_cells], axis=1)
         gap = (self.points_of(np.arange(self.size)) - self.space.axis_centre(cells)) / self.space.spacing
         number = np.ravel_multi_index(tuple(cells.T), self.space.shape)
@@ -155,7 +155,7 @@ class Lattice(ABC):
         return np.asarray(order[first].reshape(self.space.shape), dtype=np.int64)
 
     def at_sites(self, value: NDArray[Any]) -> NDArray[Any]:
-        """Return values of cells (shape of the space) at the sites, in the lattice's shape."""
+        """Return `value`, one entry per cell (shape of the space), at the sites, in the lattice's shape."""
         return value[self.site_cells]
 
 

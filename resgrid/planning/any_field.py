@@ -42,7 +42,10 @@ def undriven(space: ConfigurationSpace, wiring: Wiring) -> AnyField:
 
 
 def blended(dirichlet: AnyField, neumann: AnyField, k: float) -> AnyField:
-    """Return the blend of two fields of one lattice; `k`: weight of the Dirichlet field, in [0, 1]."""
+    """Return the blend ``phi = k phi_D + (1 - k) phi_N`` of two fields of one lattice.
+
+    `dirichlet`, `neumann`: fields with obstacles on the rail and with open obstacles; `k`: weight, in [0, 1].
+    """
     if isinstance(dirichlet, LatticeField) and isinstance(neumann, LatticeField):
         return blend_lattice_fields(dirichlet, neumann, k)
     return blend(require_faces(dirichlet, "a blend"), require_faces(neumann, "a blend"), k)
@@ -51,7 +54,7 @@ def blended(dirichlet: AnyField, neumann: AnyField, k: float) -> AnyField:
 def path_of(field: AnyField, start: ArrayLike | None = None, *, cell: Sequence[int] | None = None) -> FieldPath:
     """Return the path of a field from a start: a streamline, or a path from node to node.
 
-    `start` (ndim,): point in world coordinates; `cell`: cell whose centre is the start, instead of `start`.
+    `start` (ndim,): point in world coordinates, or None; `cell`: cell whose centre is the start, if `start` is None.
     """
     point = one_start(field.space, start, cell)
     return follow_nodes(field, point) if isinstance(field, LatticeField) else follow(field, point)

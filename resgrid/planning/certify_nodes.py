@@ -72,7 +72,10 @@ def _check_kinds(path: NodePath) -> None:
 
 
 def _check_ends(path: NodePath) -> None:
-    """Raise CertificateError unless start, first site, last site and goal point lie in the cells that they claim."""
+    """Raise CertificateError unless start, sites and goal point of a path lie in the cells that the path states.
+
+    All sites must be distinct and in free cells; if the path reached a goal, the last one must lie in this goal.
+    """
     space, cells = path.space, path.cells
     code = space.cell[tuple(cells.T)]
     reached = path.outcome is Outcome.REACHED

@@ -190,7 +190,7 @@ def _stop_codes(space: ConfigurationSpace, safe: NDArray[np.bool_] | None) -> ND
 
 
 def _flattened(parts: tuple[NDArray[Any], ...]) -> NDArray[Any]:
-    """Return the concatenation (n,) of flattened arrays; no copy if they are consecutive views of one array."""
+    """Return the concatenation (n,) of the flattened `parts`; no copy if they are consecutive views of one array."""
     whole = parts[0].base
     if isinstance(whole, np.ndarray) and whole.ndim == 1 and whole.size == sum(part.size for part in parts):
         ends = np.cumsum([0, *(part.nbytes for part in parts)]) + whole.ctypes.data

@@ -244,7 +244,7 @@ def length_of(points: NDArray[np.float64]) -> float:
 
 
 def summary(outcome: Outcome, goal: int | None, points: int, length: float, clearance: float) -> str:
-    """Return one line on a path: outcome, goal, number of points, and length and clearance in axis units."""
+    """Return a text on a path: outcome, goal (unless None), number of points, length and clearance in axis units."""
     end = f"{outcome}" + ("" if goal is None else f" goal {goal}")
     return f"{end}: {points:,} points, length {length:.4g}, clearance {clearance:.4g}"
 

@@ -272,7 +272,7 @@ def start_cell(space: ConfigurationSpace, start: ArrayLike) -> tuple[int, ...]:
 def one_start(space: ConfigurationSpace, start: ArrayLike | None, cell: Sequence[int] | None) -> NDArray[np.float64]:
     """Return a start point (ndim,) in axis units; raise InputError unless exactly one of `start` and `cell` is given.
 
-    `start` (ndim,): point in world coordinates; `cell`: cell whose centre is the start.
+    `start` (ndim,): point in world coordinates, or None; `cell`: cell whose centre is the start, or None.
     """
     if (start is None) == (cell is None):
         raise InputError("give either a start point or a start cell")
