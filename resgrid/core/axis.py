@@ -15,7 +15,10 @@ from resgrid._internal.validation import checked
 from resgrid.errors import InputError
 
 LARGEST = 1e60
-"""Largest magnitude of a coordinate, in axis units; products of four such coordinates do not overflow."""
+"""Largest accepted magnitude of a coordinate, in axis units: products of four such coordinates do not overflow.
+
+Larger coordinates raise InputError.
+"""
 
 Coordinate = Annotated[float, Ge(-LARGEST), Le(LARGEST)]
 Point = tuple[Coordinate, ...]
@@ -48,7 +51,8 @@ class Axis:
     Raises
     ------
     InputError
-        If the ends are not finite and increasing, there is no cell, or cells are narrower than rounding errors.
+        If the ends are not finite and increasing, there is no cell, or cells are narrower than 64 times the
+        floating-point spacing at the larger magnitude of the two ends.
 
     Examples
     --------
@@ -94,10 +98,13 @@ def split_points(
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Return the cells of points (..., ndim), and the positions in these cells as fractions in [0, 1] (..., ndim).
 
+    Periodic coordinates are wrapped first.  A point on the border of two cells belongs to the upper cell, except at the
+    upper end of the axis.  A point that lies outside the grid by at most the rounding error is moved to the border;
+    other points outside raise InputError.
+
     `axes`: axes of the space; `point` (..., ndim): points in axis units; `reach` (ndim,): largest magnitude of a
-    coordinate during the conversion between world and space (`Frame.reach`), None for the largest one on every axis.  A
-    point that lies outside by at most the rounding error counts as a point on the border.  Raise InputError for other
-    points outside.
+    coordinate per axis that occurs in the conversion between world and space (`Frame.reach`), from which the rounding
+    error follows; None for the larger magnitude of the two ends of every axis.
     """
     points = np.asarray(point, dtype=np.float64)
     if points.shape[-1:] != (len(axes),):
@@ -117,26 +124,28 @@ def split_points(
 
 
 def rounding_errors(axes: Sequence[Axis], reach: ArrayLike | None = None) -> NDArray[np.float64]:
-    """Return the largest rounding error of coordinates per axis, as fractions of a cell's width, (ndim,).
+    """Return a bound on the rounding error of coordinates per axis, as fractions of a cell's width, (ndim,).
 
-    `axes`: axes of the space; `reach` (ndim,): largest magnitude of a coordinate during the conversion between world
-    and space (`Frame.reach`); by default the largest magnitude on every axis.
+    The bound is 8 times the floating-point spacing at the largest magnitude of a coordinate.
+    `axes`: axes of the space; `reach` (ndim,): largest magnitude of a coordinate per axis that occurs in the conversion
+    between world and space (`Frame.reach`); None for the larger magnitude of the two ends of every axis.
     """
     largest = largest_coordinates(axes) if reach is None else np.asarray(reach, dtype=np.float64)
     return np.asarray(8 * np.spacing(largest) / [axis.spacing for axis in axes])
 
 
 def rounding(axes: Sequence[Axis], reach: ArrayLike | None = None) -> NDArray[np.float64]:
-    """Return the tolerance of positions as fractions of a cell's width, (ndim,): 1e-9, or the larger rounding error.
+    """Return the tolerance of positions per axis, as fractions of a cell's width, (ndim,).
 
-    `axes`: axes of the space; `reach` (ndim,): largest magnitude of a coordinate during the conversion between world
-    and space (`Frame.reach`), None for the largest one on every axis.
+    The tolerance is the larger one of 1e-9 and the rounding error of coordinates.  `axes`: axes of the space; `reach`
+    (ndim,): largest magnitude of a coordinate per axis that occurs in the conversion between world and space
+    (`Frame.reach`); None for the larger magnitude of the two ends of every axis.
     """
     return np.asarray(np.maximum(1e-9, rounding_errors(axes, reach)))
 
 
 def largest_coordinates(axes: Sequence[Axis]) -> NDArray[np.float64]:
-    """Return the largest magnitude of a coordinate on every axis, in axis units, shape (ndim,)."""
+    """Return the larger magnitude of the two ends of every axis, in axis units, shape (ndim,)."""
     return np.array([max(abs(float(axis.lower)), abs(float(axis.upper))) for axis in axes])
 
 
@@ -145,9 +154,9 @@ def grid_axes(
 ) -> tuple[Axis, ...]:
     """Return axes named x, y, z and w for a grid of cells; raise InputError unless it has one to four dimensions.
 
-    `shape`: number of cells along every axis; `spacing`, `origin`: width of a cell and lower corner, in `unit`, one
-    number for all axes or one for each; `periodic`: whether axes are periodic, one bool for all or one for each;
-    `unit`: unit of all axes, for labels.
+    `shape`: number of cells along every axis; `spacing`, `origin`: width of a cell and lower corner of the grid, in
+    `unit`, one number for all axes or one for each; `periodic`: whether axes are periodic, one bool for all axes or one
+    for each; `unit`: unit of all axes, for labels.
     """
     if not 1 <= len(shape) <= len(_NAMES):
         raise InputError(f"cell has {len(shape)} dimensions; a space has one to {len(_NAMES)}")

@@ -34,7 +34,10 @@ class Cell(IntEnum):
 
 
 def checked_undecided(cells: NDArray[np.uint8], undecided: ArrayLike) -> NDArray[np.bool_]:
-    """Return the mask of undecided cells, read-only; raise InputError unless all of them are obstacles in `cells`."""
+    """Return the mask `undecided` of undecided cells as a read-only array of the shape of the grid.
+
+    Raise InputError for another shape, or if an undecided cell is not an obstacle.  `cells`: `Cell` code of every cell.
+    """
     mask = np.array(undecided, dtype=np.bool_)
     if mask.shape != cells.shape or (mask & (cells != Cell.OBSTACLE)).any():
         raise InputError("undecided must have the shape of the grid, and be True for obstacle cells only")
@@ -43,9 +46,10 @@ def checked_undecided(cells: NDArray[np.uint8], undecided: ArrayLike) -> NDArray
 
 
 def checked_cells(axes: tuple[Axis, ...], given: ArrayLike) -> NDArray[np.uint8]:
-    """Return cell codes as a uint8 array of the axes' shape; raise InputError for a wrong shape, value or axis.
+    """Return cell codes as a uint8 array of the axes' shape; raise InputError for a wrong shape or value.
 
-    `axes`: axes of the space; `given`: codes (0 free, 1 obstacle, 2 goal) or booleans, as the caller passes them.
+    InputError is also raised for more than 4 axes, and for axes of equal names.  `axes`: axes of the space; `given`:
+    codes (0 free, 1 obstacle, 2 goal) or booleans (True is an obstacle) of all cells.
     """
     cell = real_numbers("cell", given)
     if not 1 <= len(axes) <= MAX_DIMENSIONS:
@@ -64,7 +68,10 @@ def checked_cells(axes: tuple[Axis, ...], given: ArrayLike) -> NDArray[np.uint8]
 
 
 def checked_conductivity(shape: tuple[int, ...], value: ArrayLike) -> NDArray[np.float64]:
-    """Return the conductivity as an array of floats of `shape`; raise InputError for a wrong shape or value."""
+    """Return the conductivities as an array of floats of `shape`, the shape of the grid.
+
+    Raise InputError if `value` has another shape, or an entry that is not positive and finite.
+    """
     conductivity = np.array(value, dtype=np.float64, order="C")
     if conductivity.shape != shape:
         raise InputError(f"conductivity has shape {conductivity.shape}, but the cells have {shape}; make them equal")
@@ -78,8 +85,9 @@ def checked_conductivity(shape: tuple[int, ...], value: ArrayLike) -> NDArray[np
 def checked_goal_points(axes: tuple[Axis, ...], cells: NDArray[np.uint8], value: ArrayLike) -> NDArray[np.float64]:
     """Return the goal points in axis units (goal cells, ndim); raise InputError if one lies outside its cell.
 
-    A goal point is the configuration in a goal cell that solves the goal, NaN if every one does.  `value`: points as
-    the caller passes them, in C order of the goal cells; `axes`, `cells`: axes of the space and `Cell` codes.
+    A goal point is the configuration in a goal cell that solves the goal; it is NaN if every configuration of the cell
+    does.  `axes`, `cells`: axes of the space and `Cell` codes; `value` (goal cells, ndim): points in axis units, in C
+    order of the goal cells.
     """
     points = np.array(value, dtype=np.float64, order="C")
     goals = np.argwhere(cells == Cell.GOAL)

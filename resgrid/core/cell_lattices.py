@@ -20,13 +20,13 @@ from resgrid.errors import InputError
 class CellLattice(Lattice):
     """One site per cell, with steps to face neighbours and across edges and corners of cells.
 
-    `offsets` (n, ndim): steps as differences of cell indices; `plain` (n,): weights of face neighbours alone, 0 for
-    other steps.
+    `offsets` (n, ndim): steps as differences of cell indices; `plain` (n,): weights of the steps in the stencil of face
+    neighbours alone, 0 for steps across edges and corners.
 
-    Around every corner of the grid lies a block of ``2**ndim`` cells.  The weight of a step is the mean over the blocks
-    that contain its two cells.  A block of free and goal cells has the weights of the stencil, any other block those of
-    face neighbours.  Steps across an edge or a corner therefore exist only where no cell of a block is an obstacle, and
-    contacts with obstacles and edges are those of the lattice "square".
+    The ``2**ndim`` cells that meet at a corner of cells are called a block.  A block of free and goal cells has the
+    weights of the stencil; any other block has the weights of face neighbours alone.  The weight of a step is the mean
+    over the blocks that contain its two cells.  Steps across an edge or a corner therefore exist only where at least
+    one of these blocks has no obstacle, and contacts with obstacles and edges are those of the lattice "square".
     """
 
     offsets: NDArray[np.int64]
@@ -41,7 +41,10 @@ class CellLattice(Lattice):
         return np.asarray(site, dtype=np.int64)
 
     def beyond(self, step: int, sense: int) -> Index:
-        """Return the indices of the neighbouring cells in one direction, without wrapping."""
+        """Return the indices of the neighbours of all cells in one direction; they may lie outside the grid.
+
+        `step`: index of the step; `sense`: 1 for the step, -1 for its negative.
+        """
         return tuple(
             index + sense * int(offset)
             for index, offset in zip(np.indices(self.shape, sparse=True), self.offsets[step], strict=True)
@@ -55,7 +58,10 @@ class CellLattice(Lattice):
         return np.where((there < 0) | solid | solid.ravel()[there], 0.0, weight)
 
     def conductivity_at(self, step: int) -> NDArray[np.float64] | None:
-        """Return the harmonic mean of the conductivities of every cell and its neighbour, or that of the free cell."""
+        """Return the harmonic mean of the conductivities of every cell and its neighbour along a step.
+
+        If only one of the two cells is free, return its conductivity.  None if the space has no conductivities.
+        """
         c = self.space.conductivity
         if c is None:
             return None
@@ -66,7 +72,10 @@ class CellLattice(Lattice):
         return np.asarray(here * (2.0 * beyond / (here + beyond)))
 
     def contact_weight(self, step: int) -> float:
-        """Return the weight of the contact of a face neighbour; steps across edges and corners have none."""
+        """Return the weight of the contact with an obstacle that replaces a blocked step.
+
+        The weight is 0 for steps across edges and corners of cells, which have no contact.
+        """
         return float(self.plain[step])
 
     def _open_blocks(self, offset: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -83,7 +92,10 @@ class CellLattice(Lattice):
 
     @cached_property
     def _blocks(self) -> NDArray[np.bool_]:
-        """Whether the block around every corner of the grid has no obstacle and lies inside, shape of the space + 1."""
+        """Whether the block of cells around every corner of a cell has no obstacle and lies inside the grid.
+
+        The shape is that of the space plus one along every axis.
+        """
         wide = with_margin(self.space.cell != Cell.OBSTACLE, self.space.periodic, beyond=False)
         clear = np.ones([size + 1 for size in self.shape], dtype=np.bool_)
         for corner in product((0, 1), repeat=self.space.ndim):
@@ -91,7 +103,7 @@ class CellLattice(Lattice):
         return clear
 
     def sites_in(self, cell: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return the cell itself, (1, ndim)."""
+        """Return the index of the only site in a cell, (1, ndim); it equals `cell` (ndim,), the index of the cell."""
         return cell[np.newaxis].astype(np.int64)
 
 
@@ -111,10 +123,11 @@ def cell_lattice(name: LatticeName, space: ConfigurationSpace) -> CellLattice:
 
 
 def stencil_of(name: LatticeName, space: ConfigurationSpace) -> dict[tuple[int, ...], float]:
-    """Return the weights of all neighbours by offset, times ``h_ref**2``; raise InputError unless all are positive.
+    """Return the weights of all neighbours, times ``h_ref**2``, by the offset of the neighbour in cell indices.
 
-    On a ring of a single cell, a step along the ring leads back to the cell: offsets along it become 0, and the
-    weights of equal offsets are added.
+    On a ring of a single cell, a step along the ring leads back to the cell: offsets along the ring become 0, and the
+    weights of equal offsets are added.  Raise InputError unless all weights are positive.  `name`: name of the lattice,
+    for the message.
     """
     h_ref = float(space.spacing.min())
     a = (h_ref / space.spacing) ** 2
@@ -138,9 +151,9 @@ def stencil_of(name: LatticeName, space: ConfigurationSpace) -> dict[tuple[int, 
 def _coefficient(moves: NDArray[np.bool_], a: NDArray[np.float64]) -> float:
     """Return the coefficient of a neighbour in the stencil at the head of `resgrid.core.lattices`.
 
-    `moves` (ndim,): axes along which the neighbour differs; `a` (ndim,): ``(h_ref / h)**2`` of every axis.  A product
-    of second differences over the axes ``S`` contributes to the neighbours within ``S``: ``(-2)**(axes of S without
-    move)``.
+    `moves` (ndim,): mask of the axes along which the index of the neighbour differs; `a` (ndim,): ``(h_ref / h)**2`` of
+    every axis.  The product of the second differences along a set ``S`` of axes contributes to every neighbour that
+    differs along axes of ``S`` only: the factor is ``(-2)**(number of axes of S along which it does not differ)``.
     """
     ndim, total = len(a), 0.0
     for chosen in product((False, True), repeat=ndim):

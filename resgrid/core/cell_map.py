@@ -34,21 +34,23 @@ class CellMap:
         array of shape `resgrid.core.regions.face_shape`.  Face ``i`` is the lower face of cell ``i``.  On a periodic
         axis the last face equals the first one and is not used.
     resistor_upward : ndarray of bool, shape (resistors,)
-        Whether the first node of each resistor is on the lower side of the face.
+        Whether the first node of each resistor is on the lower side of the face; without meaning if it crosses no face.
     free_node : ndarray of int32, shape (free nodes,)
         Nodes of the free cells, in C order of the cells, without cells that have no node.
     obstacle_node : int
         Node of the obstacle rail, -1 without one.
     goal_nodes : tuple of int
-        Node of the rail of every goal region.
+        Node of the rail of every goal region; empty if every rail cell has a node of its own.
     nonlinear_face : ndarray of int64, shape (nonlinear resistors,)
-        Cell face that each nonlinear resistor crosses, numbered like the faces of `resistor_face`.
+        Cell face that each nonlinear resistor crosses, numbered like the faces of `resistor_face`; -1 for none.
     nonlinear_upward : ndarray of bool, shape (nonlinear resistors,)
         Whether the first node of each nonlinear resistor is on the lower side of the face.
     rail_nodes : mapping of str to ndarray of int32, shape of the space
-        Node at each cell of every rail with resistance, by name of the rail; -1 where the cell's node is on the rail.
+        Nodes of rails that are resistive meshes with one node per cell, by name of the rail (``"obstacle"`` or
+        ``"goal_0"``); -1 where the rail node is the node of the cell itself.  Empty for ideal rails.
     leak_cell : ndarray of int32 or int64, shape (resistors,)
-        Flat index of the cell whose leak each resistor is, -1 for others.  Compiled leaks come last, as `free_node`.
+        Flat index (C order) of the cell whose leak each resistor is, -1 for other resistors.  In a compiled netlist the
+        leaks are the last resistors, in the order of `free_node`.
     """
 
     space: ConfigurationSpace

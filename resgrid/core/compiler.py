@@ -106,7 +106,7 @@ def compile_space(space: ConfigurationSpace, wiring: Wiring | None = None, **opt
     InputError
         If an option is unknown, missing or inconsistent with others, or there is no goal cell.
     CircuitError
-        If no free cell can be driven.
+        If no free cell is connected to a goal (with a uniform drive), or the driven start cell is not.
     BudgetError
         If the netlist does not fit in memory.
 
@@ -350,8 +350,8 @@ def contacts_of_box(
 def _set_margin(kind: NDArray[np.uint8], axis: int, wiring: Wiring, size: int, ends: tuple[bool, bool]) -> None:
     """Set the roles of the margin cells beyond both ends of an axis, in place.
 
-    The margin is the layer of cells around a part (box) of the space. Beyond the edge of the space, a margin cell
-    belongs to the high rail, or has no contact; inside the space and on a periodic axis it keeps its role. `kind`:
+    Beyond an edge of the space that acts as an obstacle, a margin cell belongs to the high rail; beyond an open edge,
+    or if obstacles are open, it has no contact; inside the space and on a periodic axis it keeps its role.  `kind`:
     `CellRole` of every cell of the box, with a margin of one cell; `axis`: index of the axis; `wiring`: rules for edges
     and boundary; `size`: number of cells of the whole space along the axis; `ends`: whether the box reaches the lower
     and the upper end of the space along the axis.

@@ -17,8 +17,9 @@ from resgrid.errors import InputError
 def conductivity_gradient(netlist: Netlist, conductance: NDArray[np.float64]) -> NDArray[np.float64]:
     """Convert derivatives with respect to conductances to derivatives with respect to conductivities of cells.
 
-    The chain rule of the contacts of `resgrid.compile_space`: with ``G = s 2 a b / (a + b)``, ``d log G / da = b / (a
-    (a + b))``; next to a rail cell ``G = s a``; a wall resistance multiplies these by ``1 / (1 + G R_wall)``.
+    The contact of two cells with the conductivities ``a`` and ``b`` has the conductance ``G = s 2 a b / (a + b)`` with
+    a constant ``s`` (`resgrid.compile_space`), so that ``d log G / da = b / (a (a + b))``.  Next to a rail cell, ``G =
+    s a`` and ``d log G / da = 1 / a``.  A wall resistance ``R_wall`` multiplies these by ``1 / (1 + G R_wall)``.
 
     Parameters
     ----------

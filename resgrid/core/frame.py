@@ -23,7 +23,8 @@ _COARSEST = 0.125
 class Frame:
     """Position and rotation of a space's coordinate system in the world.
 
-    Only a map with a rotated origin has axes, along its rows and columns, that differ from the world's axes.
+    A frame is needed for a map with a rotated origin: the axes of the space then run along its rows and columns, and
+    not along the axes of the world.
 
     Parameters
     ----------
@@ -32,8 +33,8 @@ class Frame:
     yaw : float
         Angle from the world's x axis to the x axis of the space, in radians, anticlockwise.
     turning_length : float or None
-        Length in metres for a robot with a heading, else None.  The third coordinate is then the heading in radians
-        times this length, and is rotated with the space.
+        For a robot with a heading: length, in metres, by which the heading in radians is multiplied to give the third
+        coordinate of the space.  The frame then adds `yaw` to the heading.  None for spaces without a heading.
 
     Raises
     ------
@@ -174,7 +175,10 @@ class Frame:
 
 
 def checked_frame(axes: tuple[Axis, ...], frame: Frame) -> Frame:
-    """Return `frame`; raise InputError if it does not fit the axes, or if rounding errors exceed 1/8 of a cell."""
+    """Return `frame`; raise InputError for a wrong number of axes, or if rounding errors exceed 1/8 of a cell's width.
+
+    Unless the frame is the world's, there must be 2 axes, or 3 with a turning length.
+    """
     if not frame.is_world and len(axes) != (2 if frame.turning_length is None else 3):
         raise InputError(
             f"only a plane may be moved or rotated in the world, and this space has {len(axes)} axes; leave out frame"

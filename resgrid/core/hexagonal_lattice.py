@@ -18,18 +18,23 @@ _ROW = sqrt(3.0) / 2.0
 """Distance of the rows of an equilateral triangular lattice, as a multiple of the pitch."""
 
 _PHASES = 65
-"""Number of positions of the rows that are compared, to keep rows away from the borders of cells."""
+"""Number of trial positions of the first row; the position is chosen so that rows stay away from borders of cells."""
 
 _APART = 1e-4
-"""Distance of rows from borders of cells that is sufficient, as a fraction of a cell's width."""
+"""Smallest distance of rows from borders of cells in accepted positions of the rows, as a fraction of a cell's width.
+
+The most central accepted position is taken; without one, the position with the largest distance.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class HexagonalLattice(Lattice):
-    """A triangular lattice with rows parallel to the first axis, shifted alternately by a quarter of the pitch.
+    """A triangular lattice with rows parallel to the first axis.
 
-    `pitch`: distance of neighbours in a row, in axis units; `row`: distance of rows; `first`: distance of the first row
-    from the lower edge; `per_cell`: number of sites of a row in a cell.
+    Along the first axis, the first site of a row lies alternately a quarter and three quarters of the pitch above the
+    lower end of the axis.  `pitch`: distance of neighbours in a row; `row`: distance of neighbouring rows; `first`:
+    distance of the first row from the lower end of the second axis, all in axis units; `per_cell`: number of sites of a
+    row in a cell.
     """
 
     pitch: float
@@ -38,13 +43,13 @@ class HexagonalLattice(Lattice):
     per_cell: int
 
     def points(self, site: ArrayLike) -> NDArray[np.float64]:
-        """Return the points of sites in axis units, (..., 2); `site` (..., 2): number in the row, number of the row."""
+        """Return the points of sites in axis units, (..., 2); `site` (..., 2): index in the row, index of the row."""
         i, j = np.moveaxis(np.asarray(site, dtype=np.int64), -1, 0)
         x = (i + np.where(j % 2 == 0, 0.25, 0.75)) * self.pitch
         return np.asarray(self.space.lower + np.stack([x, self.first + j * self.row], axis=-1))
 
     def cells(self, site: ArrayLike) -> NDArray[np.int64]:
-        """Return the cells that contain sites, (..., 2); `site` (..., 2): number in the row, number of the row."""
+        """Return the cells that contain sites, (..., 2); `site` (..., 2): index in the row, index of the row."""
         i, j = np.moveaxis(np.asarray(site, dtype=np.int64), -1, 0)
         return np.asarray(np.stack([i // self.per_cell, self._row_cells[j]], axis=-1))
 
@@ -55,7 +60,10 @@ class HexagonalLattice(Lattice):
         return np.asarray(np.floor(height), dtype=np.int64)
 
     def beyond(self, step: int, sense: int) -> Index:
-        """Return the indices of the neighbours in one direction, without wrapping."""
+        """Return the indices of the neighbours of all sites in one direction; they may lie outside the lattice.
+
+        `step`: index of the step; `sense`: 1 for the step, -1 for its negative.
+        """
         i, j = np.indices(self.shape, sparse=True)
         if step == 0:
             return i + sense, j
@@ -76,9 +84,10 @@ class HexagonalLattice(Lattice):
         return np.where(blocked, 0.0, self.weights[step])
 
     def conductivity_at(self, step: int) -> NDArray[np.float64] | None:
-        """Return the harmonic mean of the conductivity along every segment.
+        """Return the harmonic mean of the conductivity along the segment of a step from every site.
 
-        On a segment between a free site and a goal, goal cells have the conductivity of the free end.
+        On a segment between a free site and a goal, goal cells have the conductivity of the free end.  None if the
+        space has no conductivities.
         """
         code, c = self.space.cell, self.space.conductivity
         if c is None:
@@ -99,7 +108,7 @@ class HexagonalLattice(Lattice):
         return np.asarray(1.0 / (low / first + (high - low) / middle + (1.0 - high) / last))
 
     def contact_weight(self, step: int) -> float:
-        """Return the weight of the step."""
+        """Return the weight of the contact with an obstacle that replaces a blocked step: the weight of the step."""
         return float(self.weights[step])
 
     def _ends(self, step: int) -> tuple[Index, Index]:
@@ -109,9 +118,9 @@ class HexagonalLattice(Lattice):
         return (x, y), (x.ravel()[there], y.ravel()[there])
 
     def _crossings(self, step: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the fractions of the segments of a step at which they cross a border of cells across each axis.
+        """Return the fractions of the step's segment from every site at which it crosses cell borders across each axis.
 
-        Both arrays have the lattice's shape; entries are 2 without a crossing.
+        Both arrays have the lattice's shape; entries are 2 if the segment does not cross a border across the axis.
         """
         (x, y), (_, y_there) = self._ends(step)
         across, up = self.beyond(step, 1)  # before wrapping
@@ -121,7 +130,7 @@ class HexagonalLattice(Lattice):
         return np.where(crosses_x, at_border, 2.0), np.where(crosses_y, height / self.row, 2.0)
 
     def sites_in(self, cell: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return the sites in a cell, (n, 2)."""
+        """Return the indices of the sites in a cell, (n, 2); `cell` (2,): index of the cell."""
         rows = np.flatnonzero(self._row_cells == cell[1])
         columns = np.arange(cell[0] * self.per_cell, (cell[0] + 1) * self.per_cell)
         return np.stack(np.meshgrid(columns, rows, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -147,9 +156,9 @@ def hexagonal_lattice(space: ConfigurationSpace) -> HexagonalLattice:
 
 
 def hexagonal_rows(space: ConfigurationSpace) -> tuple[int, float, int, float]:
-    """Return sites per cell of a row, pitch, number of rows, and distance of rows.
+    """Return number of sites of a row in a cell, pitch, number of rows, and distance of neighbouring rows.
 
-    Raise InputError for a ring that is too small.
+    Lengths are in axis units.  Raise InputError if the second axis is periodic and has too few cells for a lattice.
     """
     width, height = space.spacing.tolist()
     per_cell = max(ceil(_ROW * width / height - 1e-9), 1)
@@ -169,10 +178,11 @@ def hexagonal_rows(space: ConfigurationSpace) -> tuple[int, float, int, float]:
 
 
 def _first_row(space: ConfigurationSpace, rows: int, row: float) -> float:
-    """Return the distance of the first row from the lower edge, such that no row lies on a border of cells.
+    """Return the distance of the first row from the lower end of the second axis, in axis units.
 
-    The first row lies in the first cell, and the last row in the last cell.  The rows are centred, or moved as little
-    as possible.  Raise InputError if a row lies on a border for every position.
+    No row lies on a border of cells, the first row lies in the first cell, and the last row in the last cell.  The rows
+    are centred in the grid, or moved from there as little as possible.  `rows`: number of rows; `row`: distance of
+    neighbouring rows.  Raise InputError if, for every position, a row lies on a border of cells.
     """
     height, cells = float(space.spacing[1]), space.shape[1]
     length = height * cells

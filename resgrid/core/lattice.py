@@ -20,7 +20,7 @@ SQUARE: LatticeName = "square"
 """Name of the default lattice, with face neighbours, which `resgrid.core.compiler` compiles."""
 
 Index = tuple[NDArray[np.int64], ...]
-"""One array of indices per axis of a lattice."""
+"""Indices of several sites or cells: one array of indices per axis."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +29,8 @@ class Lattice(ABC):
 
     `space`: the space; `name`: name of the lattice; `shape`: number of sites along every axis of the lattice;
     `steps` (n, ndim): displacements to half of the neighbours, in axis units; the other steps are their negatives;
-    `weights` (n,): weight of every step in open space.
+    `weights` (n,): weight of every step far from obstacles, which is the conductance of the resistor along the step in
+    units of 1 / resistance, at conductivity 1.
     """
 
     space: ConfigurationSpace
@@ -45,7 +46,7 @@ class Lattice(ABC):
 
     @property
     def directions(self) -> list[tuple[int, int]]:
-        """Step and sense of all directions; the sense is 1 for the step, and -1 for its negative, which follows it."""
+        """Pairs (index of the step, sense) of all directions: sense 1 for the step, then -1 for its negative."""
         return [(step, sense) for step in range(len(self.steps)) for sense in (1, -1)]
 
     @abstractmethod
@@ -62,7 +63,9 @@ class Lattice(ABC):
 
     @abstractmethod
     def beyond(self, step: int, sense: int) -> Index:
-        """Return the indices of the neighbours of all sites in one direction, without wrapping, in the lattice's shape.
+        """Return the indices of the neighbours of all sites in one direction; they may lie outside the lattice.
+
+        The result has one array per axis, which broadcasts to the lattice's shape.  Periodic axes are not wrapped.
 
         `step`: index of the step; `sense`: 1 for the step, -1 for its negative.
         """
@@ -76,7 +79,10 @@ class Lattice(ABC):
 
     @abstractmethod
     def conductivity_at(self, step: int) -> NDArray[np.float64] | None:
-        """Return the conductivity along a step from every site, in the lattice's shape; None if it is 1 everywhere."""
+        """Return the harmonic mean of the conductivity along a step from every site, in the lattice's shape.
+
+        None if the space has no conductivities, so that they are 1.
+        """
 
     @abstractmethod
     def contact_weight(self, step: int) -> float:
@@ -105,16 +111,20 @@ class Lattice(ABC):
         return np.where(inside, np.ravel_multi_index(index, self.shape), -1)
 
     def outside(self, step: int, sense: int, axis: int) -> NDArray[np.bool_]:
-        """Return whether the neighbour of every site in one direction lies outside along an axis, which has an edge.
+        """Return whether the neighbour of every site in one direction lies beyond an end of an axis.
 
-        `step`: index of the step; `sense`: 1 for the step, -1 for its negative; `axis`: index of the axis.
+        The result has the lattice's shape, and is False for a periodic axis.  `step`: index of the step; `sense`: 1 for
+        the step, -1 for its negative; `axis`: index of the axis.
         """
         along = self.beyond(step, sense)[axis]
         beyond = (along < 0) | (along >= self.shape[axis])
         return np.asarray(np.broadcast_to(beyond & (not self.space.axes[axis].periodic), self.shape))
 
     def _wrapped(self, index: Index) -> tuple[Index, NDArray[np.bool_]]:
-        """Return indices wrapped on periodic axes (0 for indices outside), and whether they lie inside the lattice."""
+        """Return indices of sites wrapped on periodic axes, and whether the sites lie inside the lattice, in its shape.
+
+        The index along an axis is 0 if a site lies beyond an end of this axis.  `index`: one array per axis.
+        """
         inside = np.ones(self.shape, dtype=np.bool_)
         parts = []
         for along, size, axis in zip(index, self.shape, self.space.axes, strict=True):
@@ -136,7 +146,7 @@ class Lattice(ABC):
 
     @cached_property
     def central_sites(self) -> NDArray[np.int64]:
-        """Flat index of the site of each cell that is nearest to its centre, in the shape of the space."""
+        """Flat index of the site in each cell that is nearest to the centre of the cell, in the shape of the space."""
         cells = np.stack([along.ravel() for along in self.site_cells], axis=1)
         gap = (self.points_of(np.arange(self.size)) - self.space.axis_centre(cells)) / self.space.spacing
         number = np.ravel_multi_index(tuple(cells.T), self.space.shape)
@@ -145,11 +155,11 @@ class Lattice(ABC):
         return np.asarray(order[first].reshape(self.space.shape), dtype=np.int64)
 
     def at_sites(self, value: NDArray[Any]) -> NDArray[Any]:
-        """Return values of cells (shape of the space) at the sites, in the lattice's shape."""
+        """Return `value`, one entry per cell (shape of the space), at the sites, in the lattice's shape."""
         return value[self.site_cells]
 
 
 def require_square(name: LatticeName, subject: str) -> None:
-    """Raise InputError for another lattice than "square"; `subject`: function that needs face neighbours."""
+    """Raise InputError unless `name` is "square"; `subject`: noun phrase that begins the message."""
     if name != SQUARE:
         raise InputError(f"{subject} needs cells with face neighbours, not lattice = {name!r}; use lattice = 'square'")

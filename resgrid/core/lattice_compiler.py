@@ -46,9 +46,10 @@ _PEAK = 100
 
 
 class _Links(NamedTuple):
-    """Resistors of a lattice before they have nodes: first and second site (m,), step (m,), conductance (m,) in S.
+    """Resistors of a lattice, given by sites, before the nodes are numbered.
 
-    The second site and the step of a contact with the obstacle rail are -1.
+    `first`, `second` (m,): flat indices of the sites at both ends; `step` (m,): index of the step from the first to the
+    second; `siemens` (m,): conductance.  The second site and the step of a contact with the obstacle rail are -1.
     """
 
     first: NDArray[np.int64]
@@ -116,9 +117,9 @@ def _no_links() -> _Links:
 
 
 def _resistors(lattice: Lattice, wiring: Wiring, own: NDArray[np.bool_], step: int) -> _Links:
-    """Return the resistors of one step between free and free or goal sites.
+    """Return the resistors along one step of the lattice that join two free sites, or a free and a goal site.
 
-    `own` (shape of the lattice): whether a site has a node of its own.
+    `own` (shape of the lattice): whether a site has a node of its own; `step`: index of the step.
     """
     weight, c = lattice.site_weights[step], lattice.conductivity_at(step)
     there, is_own = lattice.neighbours(step).ravel(), own.ravel()
@@ -134,9 +135,10 @@ def _resistors(lattice: Lattice, wiring: Wiring, own: NDArray[np.bool_], step: i
 
 
 def _contacts(lattice: Lattice, wiring: Wiring, own: NDArray[np.bool_], step: int) -> _Links:
-    """Return the contacts with the obstacle rail that replace blocked resistors of one step and of its negative.
+    """Return the contacts with the obstacle rail that replace blocked resistors along one step and its negative.
 
-    `own` (shape of the lattice): whether a site has a node of its own.
+    A resistor is blocked if its segment touches an obstacle cell, or leaves the grid at an edge that acts as an
+    obstacle.  `own` (shape of the lattice): whether a site has a node of its own; `step`: index of the step.
     """
     there, contact = lattice.neighbours(step), lattice.contact_weight(step)
     blocked = (lattice.site_weights[step].reshape(lattice.shape) == 0) & (there >= 0) & (contact > 0)

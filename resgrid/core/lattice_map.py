@@ -33,7 +33,8 @@ class LatticeMap:
     resistor_site : ndarray of int64, shape (resistors,)
         Flat index of the site at the first end of every resistor.
     resistor_step : ndarray of int8, shape (resistors,)
-        Step of the lattice from the first to the second end, -1 for contacts with the obstacle rail.
+        Index, in the steps of the lattice, of the step from the first to the second end of every resistor; -1 for
+        contacts with the obstacle rail.
     free_node : ndarray of int32, shape (free nodes,)
         Nodes of the sites in free cells, in C order of the sites, without sites that have no node.
     obstacle_node : int

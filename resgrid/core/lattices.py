@@ -13,8 +13,9 @@ so on, the stencils are sums of products of second differences ``d_x``, ``d_y`` 
     sum of a_x d_x + sum of (a_x + a_y) / 12 d_x d_y + (a_x + a_y + a_z) / 90 d_x d_y d_z cube26
 
 Their leading error is a multiple of the Laplacian of the Laplacian.  For harmonic functions the error is therefore of
-order 4, and of order 6 on square or cubic cells: 2/3 and 1/6, or 7/15, 1/10 and 1/30 for steps along one, two and three
-axes.  All weights are positive if the widths are similar: on planes for aspects below ``sqrt(5)``.
+order 4, and of order 6 on square or cubic cells.  There the weights of steps along one and two axes are 2/3 and 1/6 for
+``square8``; those of steps along one, two and three axes are 7/15, 1/10 and 1/30 for ``cube26``.  All weights are
+positive if the cell widths are similar: on planes if their ratio is below ``sqrt(5)``.
 
 ``hexagonal`` (two axes) has six neighbours per site at one distance, the pitch, and the weight 2/3 for a pitch of
 ``h_ref``.  Rows of sites are parallel to the first axis.  The pitch divides the cell width along the first axis, and
@@ -33,11 +34,14 @@ from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError
 
 _AXES = {"square8": 2, "cube26": 3, "hexagonal": 2}
-"""Number of axes that a lattice needs."""
+"""Number of axes that a space must have for a lattice, by name of the lattice."""
 
 
 def lattice_of(name: LatticeName, space: ConfigurationSpace) -> Lattice:
-    """Return a lattice over a space; raise InputError if it does not fit the axes, or for the lattice "square"."""
+    """Return the lattice called `name` over a space.
+
+    Raise InputError if the lattice does not fit the axes of the space, and for "square", which has no sites.
+    """
     check_lattice(name, space)
     if name == SQUARE:
         raise InputError("lattice = 'square' has faces, not sites; compile_space(space) compiles it")

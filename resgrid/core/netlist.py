@@ -40,7 +40,7 @@ _FACES = {
     "resistor": ("resistor_face", "resistor_upward"),
     "nonlinear resistor": ("nonlinear_face", "nonlinear_upward"),
 }
-"""Names of the fields of a `CellMap` with one entry per element, by kind of element: crossed face, and direction."""
+"""Names of two fields of a `CellMap` by kind of element: crossed faces, and whether first nodes are on lower sides."""
 
 
 @frozen
@@ -296,10 +296,11 @@ class Netlist:
 def add_elements(
     netlist: Netlist, kind: str, nodes: ArrayLike, *values: ArrayLike, face: ArrayLike = -1, upward: ArrayLike = True
 ) -> Netlist:
-    """Return a netlist with appended elements of one kind, without element names.
+    """Return a netlist with n appended elements of one kind, and without element names.
 
-    Shapes: `nodes` (n, 2); `values` (n,) or (), in the order of `ARRAYS`, missing ones are 0; `face, upward` (n,) or
-    (): crossed faces and directions for the cell map; by default the elements cross no face (-1).
+    `kind`: kind of the elements, such as ``"resistor"``; `nodes` (n, 2): nodes of the elements; `values`, each (n,) or
+    (): fields of values in the order of `ARRAYS`; missing ones are 0; `face`, `upward`, each (n,) or (): faces that the
+    elements cross, -1 for none, and whether the first node is on the lower side, for the cell map.
     """
     _require_no_lattice(netlist)
     pairs, *names = ARRAYS[kind]
@@ -333,7 +334,10 @@ def crossed_by(netlist: Netlist, kind: str, which: NDArray[np.bool_] | slice = s
 
 
 def select_elements(netlist: Netlist, kind: str, keep: NDArray[np.bool_]) -> Netlist:
-    """Return a netlist without the elements of a kind for which `keep` (elements,) is False, and without names."""
+    """Return a netlist without the elements of a kind for which `keep` (elements,) is False.
+
+    The names of all elements are removed.  `kind`: kind of the elements, such as ``"resistor"``.
+    """
     _require_no_lattice(netlist)
     columns = {name: getattr(netlist, name) for name in ARRAYS[kind]}
     changes: dict[str, Any] = {name: column[keep] for name, column in columns.items() if column is not None}
@@ -344,6 +348,6 @@ def select_elements(netlist: Netlist, kind: str, keep: NDArray[np.bool_]) -> Net
 
 
 def _require_no_lattice(netlist: Netlist) -> None:
-    """Raise InputError if the netlist has a lattice other than "square", whose steps the change would not keep."""
+    """Raise InputError if the netlist has another lattice than "square": a change would invalidate its lattice map."""
     if netlist.lattice_map is not None:
         require_square(netlist.lattice_map.wiring.lattice, "a change of the elements of a compiled netlist")

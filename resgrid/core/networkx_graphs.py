@@ -22,7 +22,10 @@ ELEMENTS: dict[str, tuple[str, dict[str, str]]] = {
     "capacitor": ("capacitor_nodes", {"capacitance": "capacitance"}),
     "nonlinear resistor": ("nonlinear_nodes", {"current": "nonlinear_current", "voltage": "nonlinear_voltage"}),
 }
-"""Names of the fields of a netlist per kind of element: the field of the nodes, and value fields by graph attribute."""
+"""Names of the fields of a netlist by kind of element: the field of the nodes, and a mapping for the values.
+
+The mapping is from the name of the attribute of a graph edge to the name of the field of the netlist.
+"""
 
 ARRAYS = {kind: (nodes, *columns.values()) for kind, (nodes, columns) in ELEMENTS.items()}
 """Names of the fields of a netlist per kind of element: first the field of the nodes, then the fields of the values."""
@@ -30,7 +33,9 @@ ARRAYS = {kind: (nodes, *columns.values()) for kind, (nodes, columns) in ELEMENT
 _OPTIONAL = ("tc1", "tc2")
 _SYMMETRIC = ("resistor", "capacitor", "nonlinear resistor")
 _ROUNDING = 1e-9
-"""Largest relative difference between the conductance and the inverse resistance that the attributes of an edge state.
+"""Largest relative difference between the attribute ``conductance`` of an edge and the inverse of ``resistance``.
+
+Beyond it, InputError is raised.
 """
 
 Edge: TypeAlias = tuple[Hashable, Hashable, Mapping[str, Any]]
@@ -74,7 +79,7 @@ def check_element_names(netlist: Any) -> None:
 
 
 def all_within(value: NDArray[np.float64], low: float, high: float) -> bool:
-    """Return whether all values lie strictly between the limits `low` and `high`; False if a value is NaN."""
+    """Return whether all values lie strictly between `low` and `high`; False if a value is NaN, True without values."""
     return not value.size or bool(low < value.min() and value.max() < high)
 
 
@@ -144,7 +149,8 @@ def _edges(netlist: Any, kind: str) -> Iterator[tuple[int, int, dict[str, Any]]]
 def fields_of(graph: nx.Graph[Any], ground: object) -> dict[str, Any]:
     """Return the arguments of `Netlist` for a graph, by the names of the arguments, such as ``resistor_nodes``.
 
-    `graph`: graph whose edges are elements; `ground`: the graph node that becomes node 0.
+    Raise InputError for an edge of an unknown kind, or without a valid value.  `graph`: graph whose edges are elements;
+    `ground`: the graph node that becomes node 0.
     """
     order = [ground, *(node for node in graph if node != ground)]
     number = {node: i for i, node in enumerate(order)}
@@ -215,10 +221,11 @@ def _check_directions(resistors: list[Edge]) -> None:
 
 
 def _ends(edge: Edge, kind: str) -> tuple[Hashable, Hashable]:
-    """Return the first and the second node of an element; raise InputError if they are not the nodes of the edge.
+    """Return the first and the second node of an element, in the order of the attribute ``nodes`` of its edge.
 
-    The order is that of the attribute ``nodes`` of the edge, if present. `edge`: first node, second node, and
-    attributes by name; `kind`: kind of element, such as ``"resistor"``.
+    Without this attribute, the order is that of `edge`.  If the attribute does not name the nodes of the edge, raise
+    InputError for a source, whose direction would be unknown, and ignore the attribute for other elements.  `edge`:
+    first node, second node, and attributes by name; `kind`: kind of element, such as ``"resistor"``.
     """
     a, b, data = edge
     if "nodes" not in data:

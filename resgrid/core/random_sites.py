@@ -24,9 +24,9 @@ MISMATCH, DEFECTS, OFFSET, NOISE = 1, 2, 3, 4
 
 
 def site_count(netlist: Netlist) -> int:
-    """Return the number of sites of resistors: the faces of the grid, or the resistors of a netlist without cells.
+    """Return the number of sites of a netlist: its faces, and with a leak also its cells.
 
-    With a leak, the cells follow the faces.
+    For a netlist without a map of cells, return the number of resistors, nonlinear ones included.
     """
     if netlist.cell_map is None:
         return len(netlist.conductance) + len(netlist.nonlinear_current)
@@ -53,7 +53,11 @@ def resistor_sites(netlist: Netlist) -> tuple[NDArray[np.integer[Any]], NDArray[
 
 
 def on_grid(netlist: Netlist) -> NDArray[np.bool_]:
-    """Return a mask (resistors,) of the resistors of the grid, leaks included, but no switches, rails and loads."""
+    """Return the mask (resistors,) of the resistors between cells and of the leaks.
+
+    The mask is False for switches, rail segments and loads of the read-out, and True for all resistors of a netlist
+    without a map of cells.
+    """
     return np.asarray(resistor_sites(netlist)[0] >= 0)
 
 
@@ -72,9 +76,10 @@ def end_names(netlist: Netlist, resistors: NDArray[np.int64]) -> list[list[str]]
 
 
 def scale_resistances(netlist: Netlist, factor: NDArray[np.float64]) -> Netlist:
-    """Return the netlist with every grid resistance multiplied by a factor.
+    """Return the netlist with every resistance of the grid multiplied by the factor of its site.
 
-    `factor` (sites,): factor of every site, that is of every face of the grid and of the leak of every cell.
+    `factor` (sites,): factor of every face of the grid, then, with a leak, of the leak of every cell.  Switches, rail
+    segments and loads of the read-out have no site and stay unchanged.
     """
     linear, nonlinear = resistor_sites(netlist)
     padded = np.append(factor, 1.0)  # for site -1

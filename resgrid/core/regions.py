@@ -22,10 +22,10 @@ def label_components(
 ) -> NDArray[np.int64]:
     """Return the number of the connected component of every node, (nodes,).
 
-    `graph`: edges (m, 2) between `node_count` nodes, or a square sparse matrix whose stored entries are the edges,
-    without `node_count`.
+    Edges have no direction.  Components are numbered from 0 in the order of their smallest node.
 
-    Components are numbered from 0 in the order of their smallest node.
+    `graph`: pairs of nodes (m, 2), one per edge, or a square sparse matrix whose stored entries are the edges;
+    `node_count`: number of nodes, needed for pairs and ignored for a matrix.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
@@ -47,7 +47,7 @@ def box_around(mask: NDArray[np.bool_]) -> tuple[slice, ...]:
 
 
 def label_regions(mask: NDArray[np.bool_], periodic: ArrayLike, *, corners: bool = False) -> NDArray[np.int32]:
-    """Return the connected component of every cell of a mask, in the shape of the mask; 0 outside the mask.
+    """Return the number of the connected component of every cell of a mask, shape of the mask; 0 outside the mask.
 
     `mask`: cells to label; `periodic`: whether axes are periodic, one bool per axis, or one for all; `corners`: whether
     cells that share only an edge or a corner are neighbours; by default neighbours share a face.  Components are
@@ -70,11 +70,11 @@ def label_regions(mask: NDArray[np.bool_], periodic: ArrayLike, *, corners: bool
 
 
 def _flood_fill(mask: NDArray[np.bool_], rings: NDArray[np.bool_], *, corners: bool) -> NDArray[np.int32]:
-    """Return the connected component of every cell of a small mask, by flood fill in Python; 0 outside the mask.
+    """Return the number of the connected component of every cell of a small mask, by flood fill in Python.
 
-    `rings` (ndim,): whether axes are periodic; `corners`: whether cells that share only an edge or a corner are
-    neighbours.  A grid of 70 x 70 cells takes 1.7 ms, and importing `scipy.ndimage` 190 ms: commands on small maps
-    import no scipy.
+    Components are numbered from 1 in C order of their first cell; 0 outside the mask.  `rings` (ndim,): whether axes
+    are periodic; `corners`: whether cells that share only an edge or a corner are neighbours.  A grid of 70 x 70 cells
+    takes 1.7 ms, and importing `scipy.ndimage` 190 ms: commands on small maps import no scipy.
     """
     farthest = mask.ndim if corners else 1
     steps = [step for step in product((-1, 0, 1), repeat=mask.ndim) if 0 < np.count_nonzero(step) <= farthest]
@@ -104,18 +104,19 @@ def _flood_fill(mask: NDArray[np.bool_], rings: NDArray[np.bool_], *, corners: b
 
 
 def _shifted(wide: NDArray[np.int64], step: tuple[int, ...]) -> NDArray[np.int64]:
-    """Return an array over the cells in which every index has the value of the neighbour at offset `step`.
+    """Return a copy of `wide` in which every cell has the value of its neighbour at the index offset `step` (ndim,).
 
-    The shift of `wide` is cyclic.
+    The shift is cyclic along every axis.  `wide`: one value per cell.
     """
     return np.roll(wide, [-by for by in step], tuple(range(wide.ndim)))
 
 
 def _across_seam(labels: NDArray[np.int32], axis: int, rings: NDArray[np.bool_], *, corners: bool) -> NDArray[np.int32]:
-    """Return the labels of all pairs of cells that touch across the periodic border of an axis, shape (2, n).
+    """Return the labels of all pairs of cells that touch across the seam of a periodic axis, shape (2, n).
 
-    `labels`: component of every cell, 0 without one; `rings` (ndim,): whether axes are periodic; `corners`: whether
-    cells that share only an edge or a corner touch, too.
+    Row 0 has the labels of the cells at the lower end of the axis, row 1 those at the upper end.  `labels`: component
+    of every cell, 0 without one; `axis`: index of the periodic axis; `rings` (ndim,): whether axes are periodic;
+    `corners`: whether cells that share only an edge or a corner touch, too.
     """
     first, last = labels.take(0, axis), labels.take(-1, axis)
     if not corners or labels.ndim == 1:
@@ -138,9 +139,9 @@ def with_margin(
 ) -> NDArray[Any]:
     """Return a copy of a box of cells with a margin of one cell on every side, wrapped on periodic axes.
 
-    `array`: one value per cell; `periodic` (ndim,): whether axes are periodic; `box`: range (first, end) of cells along
-    each of the first axes; the other axes are complete; `beyond`: value of the margin outside the grid; by default the
-    margin repeats the border cell.
+    `array`: one value per cell of the grid; `periodic` (ndim,): whether axes are periodic; `box`: range (first, end) of
+    cells along each of the first axes; the other axes are complete; `beyond`: value of the margin outside the grid;
+    None repeats the value of the border cell.
     """
     at_border: dict[str, Any] = {"mode": "edge"} if beyond is None else {"constant_values": beyond}
     wide = array
@@ -157,9 +158,10 @@ def with_margin(
 
 
 def cells_at_faces(wide: NDArray[Any], axis: int) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return views of the lower and the upper cell of every face perpendicular to an axis, in the shape `face_shape`.
+    """Return the values of the cells below and above every face perpendicular to an axis, as views of `wide`.
 
-    `wide`: cell values with a margin of one cell on every side.
+    Both have the shape `face_shape` of the grid without the margin.  `wide`: one value per cell, with a margin of one
+    cell on every side.
     """
     inside = [slice(1, -1)] * wide.ndim
     ends = [(*inside[:axis], part, *inside[axis + 1 :]) for part in (slice(0, -1), slice(1, None))]
@@ -167,9 +169,9 @@ def cells_at_faces(wide: NDArray[Any], axis: int) -> tuple[NDArray[Any], NDArray
 
 
 def sides_of_cells(faces: NDArray[Any], axis: int) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return views of the lower and the upper face of every cell, perpendicular to an axis, in the shape of the cells.
+    """Return the values of the lower and the upper face of every cell across an axis, as views of shape of the grid.
 
-    `faces`: one value per face, in an array of shape `face_shape`.
+    `faces`: one value per face perpendicular to the axis, in an array of shape `face_shape`.
     """
     along = np.moveaxis(faces, axis, 0)
     return np.moveaxis(along[:-1], 0, axis), np.moveaxis(along[1:], 0, axis)
@@ -189,9 +191,10 @@ def face_counts(shape: tuple[int, ...]) -> tuple[int, ...]:
 
 
 def by_axis(faces: NDArray[Any], shape: tuple[int, ...]) -> tuple[NDArray[Any], ...]:
-    """Return one view per axis, of shape `face_shape`, of the flat array `faces` of face values.
+    """Return one view per axis, of shape `face_shape`, of a flat array of face values.
 
-    `shape`: number of cells along every axis.
+    `faces` (faces,): values of the faces perpendicular to the first axis, then to the second, and so on; `shape`:
+    number of cells along every axis.
     """
     parts = np.split(faces, np.cumsum(face_counts(shape))[:-1])
     return tuple(part.reshape(face_shape(shape, axis)) for axis, part in enumerate(parts))

@@ -130,7 +130,7 @@ class ConfigurationSpace:
         frame: Frame | None = None,
         robot: Any = None,
     ) -> ConfigurationSpace:
-        """Make a space of an array of `Cell` codes, with axes named x, y, z and w.
+        """Return a space for an array of `Cell` codes, with axes named x, y, z and w.
 
         Parameters
         ----------
@@ -170,9 +170,10 @@ class ConfigurationSpace:
         return cls(axes, codes, conductivity, frame=frame, robot=robot)
 
     def with_cells(self, cell: ArrayLike) -> ConfigurationSpace:
-        """Return a copy with other cells.
+        """Return a copy with other cells, and with the same axes, conductivities, frame and robot.
 
-        `cell`: array of `Cell` codes.  A cell that stays a goal keeps its goal point.
+        A cell that stays a goal keeps its goal point; in a new goal cell every configuration solves the goal.  An
+        undecided cell stays undecided if it stays an obstacle.  `cell`: `Cell` code of every cell, shape of the space.
         """
         cells, kept = checked_cells(self.axes, cell), None
         if self.goal_points is not None:
@@ -332,7 +333,7 @@ class ConfigurationSpace:
     def rounding(self) -> NDArray[np.float64]:
         """Tolerance for positions per axis, as fractions of a cell's width, shape (ndim,).
 
-        1e-9, or the larger rounding error of coordinates far from the origin of the axes or of the world.
+        The larger one of 1e-9 and the rounding error, which matters far from the origin of the axes or of the world.
         """
         return rounding(self.axes, self.frame.reach(self.axes))
 

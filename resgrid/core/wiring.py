@@ -22,7 +22,7 @@ EdgeRule = Literal["obstacle", "open", "periodic"]
 Rails = Literal["merged", "cells"]
 
 _LEAST_SIEMENS = float(np.finfo(np.float64).tiny)
-"""Smallest conductance of a leak, in siemens: the smallest normal number of float64."""
+"""Smallest conductance of a leak, in siemens: the smallest normal number of float64; below it InputError is raised."""
 
 
 class WiringOptions(TypedDict, total=False):
@@ -65,11 +65,11 @@ class Wiring:
         cell tied to the high rail.  None for other boundary conditions, and for open obstacles with a leak.
     edge : {"obstacle", "open"} or a sequence of these
         Boundary condition at the edge of the grid, for all axes or per axis: the edge acts as an obstacle, or is open.
-        Periodic axes have no edge.
+        Periodic axes have no edge; their entry is ignored, and may also be ``"periodic"``.
     rails : {"merged", "cells"}
         Whether each rail is one node, or every obstacle and goal cell has its own node and source.
     resistance : float
-        Resistance between neighbours along the finest axis at conductivity 1, in ohms.
+        Resistance between neighbours along the axis with the smallest cell width, at conductivity 1, in ohms.
     supply : float
         Voltage of the obstacle rail, or of the driven start, above the goal rail, in volts; not zero, may be negative.
         With a uniform drive the total injected current is ``supply / resistance``.
@@ -238,7 +238,7 @@ class Wiring:
         Raises
         ------
         InputError
-            If the rules do not fit the axes.
+            If there is not one rule per axis, or a rule is ``"periodic"`` for an axis that is not periodic.
         """
         rules = (self.edge,) * space.ndim if isinstance(self.edge, str) else tuple(self.edge)
         if len(rules) != space.ndim:
@@ -293,9 +293,9 @@ def wiring_of(wiring: Wiring | None, options: Mapping[str, Any], default: Mappin
     """Return a wiring with some fields replaced.
 
     `wiring`: wiring to change, None for a new wiring from the fields `default`; `options`: new values of fields by
-    name; None keeps the old value; `default`: fields of a new wiring.  A change of the boundary condition resets the
-    fields ``drive``, ``start`` and ``wall_resistance``, and takes the wall resistance of `default`.  A leak replaces a
-    uniform drive.
+    name; None keeps the old value; `default`: fields of a new wiring, by name.  If `options` change the boundary
+    condition of `wiring`, the fields ``drive`` and ``start`` are reset to None, and ``wall_resistance`` to the value in
+    `default`, or None.  A leak in `options` replaces a uniform drive.
     """
     _check_names(options)
     given = {name: value for name, value in options.items() if value is not None}

@@ -32,14 +32,20 @@ def field_of(op: OperatingPoint) -> AnyField:
 
 
 def undriven(space: ConfigurationSpace, wiring: Wiring) -> AnyField:
-    """Return the field of a circuit without currents."""
+    """Return the field of a circuit without currents.
+
+    The potential is 0 in goals and in goal-connected cells (or sites), 1 in obstacles on a rail, and NaN elsewhere.
+    """
     if wiring.lattice == SQUARE:
         return fields.undriven_field(space, wiring)
     return undriven_lattice_field(space, wiring)
 
 
 def blended(dirichlet: AnyField, neumann: AnyField, k: float) -> AnyField:
-    """Return the blend of two fields of one lattice; `k`: weight of the Dirichlet field."""
+    """Return the blend ``phi = k phi_D + (1 - k) phi_N`` of two fields of one lattice.
+
+    `dirichlet`, `neumann`: fields with obstacles on the rail and with open obstacles; `k`: weight, in [0, 1].
+    """
     if isinstance(dirichlet, LatticeField) and isinstance(neumann, LatticeField):
         return blend_lattice_fields(dirichlet, neumann, k)
     return blend(require_faces(dirichlet, "a blend"), require_faces(neumann, "a blend"), k)
@@ -48,7 +54,7 @@ def blended(dirichlet: AnyField, neumann: AnyField, k: float) -> AnyField:
 def path_of(field: AnyField, start: ArrayLike | None = None, *, cell: Sequence[int] | None = None) -> FieldPath:
     """Return the path of a field from a start: a streamline, or a path from node to node.
 
-    `start` (ndim,): point in world coordinates; `cell`: cell whose centre is the start, instead of `start`.
+    `start` (ndim,): point in world coordinates, or None; `cell`: cell whose centre is the start, if `start` is None.
     """
     point = one_start(field.space, start, cell)
     return follow_nodes(field, point) if isinstance(field, LatticeField) else follow(field, point)
@@ -63,7 +69,7 @@ def paths_of(field: AnyField, starts: ArrayLike) -> list[FieldPath]:
 
 
 def ends_of(field: AnyField, starts: ArrayLike) -> Traces:
-    """Return the ends of the paths of a field from starts (n, ndim) in world coordinates."""
+    """Return outcomes, goals and measures of the paths of a field from starts (n, ndim) in world coordinates."""
     points = start_points(field.space, starts)
     return follow_many_nodes(field, points) if isinstance(field, LatticeField) else follow_many(field, points)
 

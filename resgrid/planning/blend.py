@@ -107,7 +107,7 @@ def check_pair(dirichlet: Field | LatticeField, neumann: Field | LatticeField) -
 def _is_same_space(first: ConfigurationSpace, second: ConfigurationSpace) -> bool:
     """Return whether two spaces have equal axes, frames, cells and conductivities.
 
-    A space without conductivities has 1.
+    Missing conductivities count as 1.
     """
     if first is second:
         return True

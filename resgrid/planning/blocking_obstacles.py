@@ -30,9 +30,10 @@ from resgrid.scene.keepout import forbidden_places, keepouts_of
 from resgrid.scene.world_coordinates import to_space
 
 _MOST_PARTS = 63
-"""Maximum number of blocking parts of a scene: one bit of 64 for each.
+"""Maximum number of parts of a scene that block cells; for more, InputError is raised.
 
-A part is one obstacle, the map, the virtual obstacles, or the robot (self-collision).
+A part is one obstacle, the map, a keep-out mask, unknown space, the virtual obstacles, or the robot (self-collision).
+The parts that block a cell are the bits of a 64-bit number.
 """
 
 
@@ -78,15 +79,15 @@ class Separation:
     space : ConfigurationSpace
         The space.
     start : tuple of int
-        Start cell.
+        Index of the start cell along every axis.
     outcome : Outcome
-        ``REACHED`` if a path to a goal exists.
+        ``REACHED`` if a path to a goal exists; otherwise ``NO_PATH``, ``GOAL_BLOCKED`` or ``START_BLOCKED``.
     barriers : Barriers
         All groups of obstacle cells.
     region : ndarray of bool, shape of the space
         Mask of the cells that the start can reach, goal cells included.
     bounding : tuple of int
-        Indices of the groups that touch the region.
+        Indices of the groups that share a face with the region; empty if the start lies in an obstacle.
     obstructions : tuple of Obstruction
         One entry for each goal region.
     edge : bool
@@ -145,14 +146,15 @@ class SceneSeparation:
     space : ConfigurationSpace
         Space of the scene.
     start : tuple of int
-        Start cell.
+        Index of the start cell along every axis.
     outcome : Outcome
-        ``REACHED`` if a path to a goal exists.
+        ``REACHED`` if a path to a goal exists; otherwise ``NO_PATH``, ``GOAL_BLOCKED`` or ``START_BLOCKED``.
     region : ndarray of bool, shape of the space
-        Mask of the cells that the start can reach.
+        Mask of the cells that the start can reach, goal cells included.
     parts : mapping of str to ndarray of bool, shape of the space
         Masks of blocked cells by name of the blocking part: ``"obstacle[0]"`` as in the scene file, ``"map"``,
-        ``"singularity"`` (virtual obstacles), ``"robot"`` (self-collision).
+        ``"mask[0]"`` (a keep-out mask), ``"unknown"`` (unknown space), ``"singularity"`` (virtual obstacles),
+        ``"robot"`` (self-collision).  Empty if a path exists.
     separating : tuple of str
         Names of a smallest set of parts whose removal opens a path.  Empty if a path exists, or if no set of the
         permitted size opens one.
@@ -316,8 +318,8 @@ def _obstruction(barriers: Barriers, start: tuple[int, ...], goal: int) -> Obstr
 def _scene_separation(scene: Scene, start: ArrayLike | None, cell: Sequence[int] | None, most: int) -> SceneSeparation:
     """Return the parts of a scene that separate a start from the goals, found by removing sets of at most `most` parts.
 
-    A part is one obstacle, the map, the virtual obstacles, or the robot (self-collision).  `scene`: the scene; `start`
-    (ndim,): start in world coordinates, or None; `cell`: start cell, if `start` is None.
+    A part is one obstacle, the map, a keep-out mask, unknown space, the virtual obstacles, or the robot
+    (self-collision).  `start` (ndim,): start in world coordinates, or None; `cell`: start cell, if `start` is None.
     """
     if most < 1:
         raise InputError(f"most = {most} must be at least 1: opening a path removes at least one obstacle")
@@ -364,7 +366,9 @@ def _scene_separation(scene: Scene, start: ArrayLike | None, cell: Sequence[int]
 def _blocking_parts(scene: Scene, space: ConfigurationSpace) -> dict[str, NDArray[np.bool_]]:
     """Return the masks of blocked cells, shape of the space, by name of the part of the scene that blocks them.
 
-    Names: ``"obstacle[0]"`` and so on, ``"map"``, ``"singularity"`` (virtual obstacles), ``"robot"`` (self-collision).
+    Names: ``"obstacle[0]"`` and so on, ``"map"``, ``"mask[0]"`` and so on (keep-out masks), ``"unknown"`` (unknown
+    space of the map), ``"singularity"`` (virtual obstacles), and ``"robot"`` (self-collision) for all other blocked
+    cells.  Parts that block no cell are left out.
     """
     plain = scene.robot.bare()
     itself = plain.occupancy(scene.axes, [], scene.sampling)

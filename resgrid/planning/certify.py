@@ -35,8 +35,9 @@ def certify(path: Streamline | NodePath) -> None:
     - Length, clearance and duration agree with the polyline.
 
     A path from node to node of a lattice must begin in the cell of its first site; its steps must lead from site to
-    neighbouring site, along the largest current of each site and to no higher potential; and no segment may touch an
-    obstacle cell, not even at a corner.  Sites are distinct, and the last one lies in the stated goal region.
+    neighbouring site, along the largest current (or current density) of each site and to no higher potential; and no
+    segment may touch an obstacle cell, not even at a corner.  Sites are distinct, and the last one lies in the stated
+    goal region.
 
     For other outcomes, the outcome must be true, and the path must state no further results.
     The tolerance of positions is 1e-9 of a cell, or the rounding error of large coordinates.
@@ -114,7 +115,11 @@ def _check_still(path: Streamline) -> None:
 
 
 def _check_failure(path: Streamline) -> None:
-    """Raise CertificateError unless the start cell justifies the outcome of a streamline that reached no goal."""
+    """Raise CertificateError unless the outcome of a streamline that reached no goal is true.
+
+    The start cell decides: it is an obstacle, has no path to a goal, or has a path; in the last case (``no_current``)
+    no current of known direction may leave the last cell.
+    """
     start = tuple(path.cells[0])
     code = path.space.cell[start]
     connected = bool(path.space.goal_connected[start])
@@ -141,7 +146,10 @@ def _flows_out(path: Streamline) -> bool:
 
 
 def _check_cells(path: Streamline) -> None:
-    """Raise CertificateError unless visited cells are free and distinct, and the last one is in the stated goal."""
+    """Raise CertificateError unless visited cells are free and distinct.
+
+    If the path reached a goal, the last cell must be a goal cell of the stated goal region.
+    """
     cells = path.cells
     codes = path.space.cell[tuple(cells.T)]
     reached = path.outcome is Outcome.REACHED
@@ -156,7 +164,11 @@ def _check_cells(path: Streamline) -> None:
 
 
 def _check_crossings(path: Streamline) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return axis and direction (1 or -1) of every crossing, both (steps,); raise CertificateError if one is wrong."""
+    """Return the axis of every crossing of a face, and its direction along the axis, 1 or -1, both (steps,).
+
+    Raise CertificateError unless every crossing leads to the next cell of the path, lies on the face between both
+    cells, and follows the current.
+    """
     space = path.space
     here, there = path.cells[:-1].astype(np.int64), path.cells[1:].astype(np.int64)
     number = np.arange(len(here))
@@ -226,8 +238,9 @@ def _as_tuple(cell: NDArray[np.int64]) -> tuple[int, ...]:
 def _check_motion(path: Streamline, axis: Integers, side: Integers) -> None:
     """Raise CertificateError unless the current, linear between faces, carries every point to the next.
 
-    `axis, side` (steps,): axis and direction, 1 or -1, of every crossing.  Near a stagnation point, rounding of the
-    entry changes exit and time much: they are compared with bounds over all entries within rounding error.
+    `axis`, `side` (steps,): axis and direction, 1 or -1, of every crossing.  Near a stagnation point, a rounding error
+    of the entry point changes the exit point and the time much.  Both are therefore compared with bounds over all entry
+    points within rounding error.
     """
     local = _cell_positions(path)
     steps, slack = np.arange(len(axis)), _SLACK * path.space.rounding
@@ -253,9 +266,10 @@ def _check_motion(path: Streamline, axis: Integers, side: Integers) -> None:
 
 
 def _exit_times(x: Floats, enter: Floats, leave: Floats, slack: Floats) -> tuple[Floats, Floats, NDArray[np.bool_]]:
-    """Return least and largest times (steps,) from positions ``x +- slack`` to the face at 1, and a mask (steps,).
+    """Return the least and the largest time (steps,) from positions within `slack` of `x` to the face at 1, and a mask.
 
-    The velocity is linear from `enter` at 0 to ``leave > 0`` at 1.  The mask is False where the velocity may be zero.
+    The velocity is linear from `enter` at 0 to ``leave > 0`` at 1.  The mask (steps,) is False where the velocity may
+    be zero or negative at such a position.  `x` (steps,): positions in [0, 1] along the crossed axis.
     """
     before, after = np.maximum(x - slack, 0.0), np.minimum(x + slack, 1.0)
     slowest, fastest = (enter * (1.0 - at) + leave * at for at in (before, after))
@@ -273,7 +287,10 @@ def _exit_times(x: Floats, enter: Floats, leave: Floats, slack: Floats) -> tuple
 
 
 def _travel_time(x: Floats, velocity: Floats, leave: Floats) -> Floats:
-    """Return times from `x` to 1, with velocities linear from `velocity` at x to `leave` at 1; inf if not positive."""
+    """Return the times from `x` to 1, for velocities linear from `velocity` at `x` to `leave` at 1.
+
+    The time is infinite where `velocity` is not positive.
+    """
     runs = velocity > 0
     z = np.where(runs, leave / np.where(runs, velocity, 1.0), 1.0) - 1.0
     factor = np.where(np.abs(z) < 1e-8, 1.0 - 0.5 * z, np.log1p(z) / np.where(z == 0, 1.0, z))
@@ -283,7 +300,11 @@ def _travel_time(x: Floats, velocity: Floats, leave: Floats) -> Floats:
 def _exit_bounds(
     start: Floats, lower: Floats, upper: Floats, times: tuple[Floats, Floats], slack: Floats
 ) -> tuple[Floats, Floats]:
-    """Return bounds (steps, ndim) of positions `times` after ``start +- slack``; `lower, upper`: face velocities."""
+    """Return the lower and the upper bounds of positions in [0, 1] after the given times, (steps, ndim).
+
+    `start` (steps, ndim): initial positions within the cells, each uncertain by `slack` (ndim,); `lower`, `upper`
+    (steps, ndim): velocities at the lower and the upper faces; `times`: least and largest time (steps,).
+    """
     ends = [
         _advance(np.clip(start + off, 0.0, 1.0), lower, upper, time[:, np.newaxis])
         for off, time in product((-slack, slack), times)
@@ -300,7 +321,10 @@ def _advance(x: Floats, lower: Floats, upper: Floats, time: Floats) -> Floats:
 
 
 def _check_duration(path: Streamline, log_shortest: Floats, log_longest: Floats) -> None:
-    """Raise CertificateError unless the duration lies between the sums of the shortest and longest times (as ln)."""
+    """Raise CertificateError unless the duration of a path lies between the sums of the shortest and longest times.
+
+    `log_shortest`, `log_longest` (steps,): natural logarithms of the times in the visited cells.
+    """
     unit = 2.0 * np.log(path.space.spacing.min())
     low, high = (float(np.logaddexp.reduce(logs, initial=-np.inf) + unit) for logs in (log_shortest, log_longest))
     claimed = float(path.log_duration)

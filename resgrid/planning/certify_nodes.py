@@ -72,7 +72,10 @@ def _check_kinds(path: NodePath) -> None:
 
 
 def _check_ends(path: NodePath) -> None:
-    """Raise CertificateError unless start, first site, last site and goal point lie in the cells that they claim."""
+    """Raise CertificateError unless start, sites and goal point of a path lie in the cells that the path states.
+
+    All sites must be distinct and in free cells; if the path reached a goal, the last one must lie in this goal.
+    """
     space, cells = path.space, path.cells
     code = space.cell[tuple(cells.T)]
     reached = path.outcome is Outcome.REACHED
@@ -96,13 +99,19 @@ def _check_ends(path: NodePath) -> None:
 
 
 def _turns(path: NodePath, gap: Floats) -> Floats:
-    """Return the multiples of the periods (..., ndim) that are nearest to differences of coordinates (..., ndim)."""
+    """Return the multiples of the periods nearest to differences of coordinates `gap`, both (..., ndim).
+
+    The multiple is 0 on axes that are not periodic.
+    """
     period = path.space.upper - path.space.lower
     return np.where(path.space.periodic, np.round(gap / period) * period, 0.0)
 
 
 def _in_cell(path: NodePath, point: Floats, cell: Integers) -> bool:
-    """Return whether a closed cell contains a point (ndim,) in axis units, to within rounding error."""
+    """Return whether a closed cell, or a periodic image of it, contains a point (ndim,) to within rounding error.
+
+    `path`: gives the space; `point` (ndim,): in axis units; `cell` (ndim,): index of the cell.
+    """
     space = path.space
     gap = point - space.axis_centre(cell)
     gap = (gap - _turns(path, gap)) / space.spacing
@@ -110,7 +119,10 @@ def _in_cell(path: NodePath, point: Floats, cell: Integers) -> bool:
 
 
 def _at_sites(path: NodePath) -> Floats:
-    """Return the points of the polyline at its sites, (sites, ndim); raise CertificateError if they are elsewhere."""
+    """Return the points of the polyline that belong to its sites, (sites, ndim), without start and goal point.
+
+    Raise CertificateError if a point is not at its site.
+    """
     space, line = path.space, path.line
     points = path.field.lattice.points(path.nodes)
     slack = 4.0 * space.rounding * space.spacing
@@ -127,7 +139,10 @@ def _at_sites(path: NodePath) -> Floats:
 
 
 def _check_steps(path: NodePath) -> tuple[Integers, Integers]:
-    """Return step and sense (1 or -1) of every step, (steps,) each; raise CertificateError if one is no step."""
+    """Return, for every pair of consecutive sites, the index of the lattice's step and its sense, (steps,) each.
+
+    The sense is 1 for the step, -1 for its negative.  Raise CertificateError if consecutive sites are no neighbours.
+    """
     lattice = path.field.lattice
     moved = np.diff(_at_sites(path), axis=0)[:, np.newaxis]
     slack = 8.0 * path.space.rounding * path.space.spacing
@@ -178,9 +193,10 @@ def _touches(start: Floats, end: Floats, cell: Integers, rim: Floats) -> NDArray
 
 
 def _check_currents(path: NodePath, step: Integers, sense: Integers) -> None:
-    """Raise CertificateError unless the largest current flows along every step, and the potential does not rise.
+    """Raise CertificateError unless the largest current, or density, of its site flows along every step of a path.
 
-    `step`, `sense` (steps,): step of the lattice and its sense, 1 or -1.
+    The potential must also not rise, except in a blend.  `step`, `sense` (steps,): index of the lattice's step between
+    consecutive sites, and its sense: 1 for the step, -1 for its negative.
     """
     field = path.field
     flat = np.ravel_multi_index(tuple(path.nodes.T), field.lattice.shape)
@@ -206,7 +222,10 @@ def _check_currents(path: NodePath, step: Integers, sense: Integers) -> None:
 
 
 def _taken(parts: Sequence[NDArray[Any]], step: Integers, tail: Integers) -> NDArray[Any]:
-    """Return entries (n,) of one array per step of the lattice; `step`, `tail` (n,): steps and flat sites."""
+    """Return n entries, (n,), of arrays over the sites; `parts`: one array of the lattice's shape per step.
+
+    `step`, `tail` (n,): index of the array, and flat index of the site in it, for every entry.
+    """
     found = np.zeros(len(step), dtype=parts[0].dtype)
     for number in np.unique(step).tolist():
         own = step == number
@@ -227,7 +246,11 @@ def _check_extent(path: NodePath) -> None:
 
 
 def _check_failure(path: NodePath) -> None:
-    """Raise CertificateError unless the start cell justifies the outcome of a path that reached no goal."""
+    """Raise CertificateError unless the outcome of a path that reached no goal is true.
+
+    The start cell decides: it is an obstacle, has no path to a goal, or has a path; in the last case (``no_current``)
+    no current may leave the last site.
+    """
     space, start = path.space, tuple(path.cells[0].tolist())
     code, connected = space.cell[start], bool(space.goal_connected[start])
     blocked = not space.goal_connected.any()

@@ -20,10 +20,12 @@ _LONGEST = 10_000_000  # maximum length of a segment, in cells along an axis
 def certify_collision_free(path: AnyPath) -> None:
     """Check that no segment of a polyline meets an obstacle cell or leaves the grid.
 
-    A segment must touch only free or goal cells (closed boxes), or lie in one such cell, e.g. along an obstacle's face.
-    Consecutive cells of the second kind must be connected through faces of free cells that touch the point between
-    them: no path passes between obstacles that meet at a corner.  Cells are enlarged by 1e-9 of their width, or by the
-    rounding error of large coordinates.
+    Cells are closed boxes.  Every segment must satisfy one of two conditions: all cells that it touches are free or
+    goal cells; or one free or goal cell contains the whole segment, which may then lie on the face of an obstacle.  A
+    path must not pass between obstacles that meet at a corner.  At the start of a segment of the second kind, the cell
+    that contains this segment must therefore be connected, through faces of free or goal cells that touch the starting
+    point, with a cell of the segment before.  Cells are enlarged by 1e-9 of their width, or by the rounding error of
+    large coordinates.
 
     Parameters
     ----------
@@ -68,7 +70,10 @@ def certify_collision_free(path: AnyPath) -> None:
 
 
 def _check_segments(scaled: NDArray[np.float64], space: ConfigurationSpace) -> None:
-    """Raise CertificateError if a point of `scaled` (n, ndim) is off the grid, InputError if a segment is too long."""
+    """Raise CertificateError if a point lies outside the grid, and InputError if a segment is too long.
+
+    `scaled` (n, ndim): corners of the polyline, in cell widths from the lower corner of the grid.
+    """
     slack = space.rounding
     outside = np.any(~space.periodic & ((scaled < -slack) | (scaled > space.shape + slack)), axis=1)
     if outside.any():
@@ -78,7 +83,10 @@ def _check_segments(scaled: NDArray[np.float64], space: ConfigurationSpace) -> N
 
 
 def _touched(start: NDArray[np.float64], end: NDArray[np.float64], space: ConfigurationSpace) -> Cells:
-    """Return the index tuples of all closed cells that the segment from `start` to `end` touches (in cell units)."""
+    """Return the index tuples of all closed cells that a segment touches; indices may lie outside the grid.
+
+    `start`, `end` (ndim,): end points of the segment, in cell widths from the lower corner of the grid.
+    """
     # Each of these cells contains a crossing of a face, or a midpoint between two crossings.
     crossings = np.concatenate([[0.0], face_crossings(start, end), [1.0]])
     parameters = np.concatenate([crossings, (crossings[:-1] + crossings[1:]) / 2])

@@ -25,10 +25,16 @@ if TYPE_CHECKING:
     from resgrid.planning.replanning_kernels import Values
 
 _LEAST_COMPLEMENT = 1e-3
-"""Smallest voltage above the low rail, as a fraction of the rail distance, that is computed as one minus the drop."""
+"""Smallest height, as a fraction of the supply, that is computed as one minus the drop.
+
+If any height is smaller, the difference would cancel, and all heights are solutions of a second system.
+"""
 
 _MOST_CELLS = 500_000
-"""Number of cells of a plane up to which the eliminated equations are kept; they take about 1.1 kB per cell."""
+"""Largest number of cells of a plane whose eliminated equations are kept between updates, about 1.1 kB per cell.
+
+Larger planes are solved without reuse.
+"""
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -67,9 +73,10 @@ class KeptCircuit:
         self._elimination = PlaneElimination((nx, ny))
 
     def field(self, space: ConfigurationSpace, wiring: Wiring) -> tuple[Field, float]:
-        """Return the field of a space with current, and the fraction of the tree's nodes that were eliminated.
+        """Return the field of a space, and the fraction of the nodes of the elimination tree that were eliminated.
 
-        `wiring`: boundary conditions of the circuit.  Raise NotSolvedError if the field is not direction-safe.
+        `space`: space of this object's shape, in whose circuit current flows; `wiring`: rules of the circuit.  Raise
+        NotSolvedError if the field is not direction-safe.
         """
         from resgrid.planning.replanning_kernels import split_contacts, write_heights, write_values
 
@@ -103,8 +110,8 @@ class KeptCircuit:
     def _driven(self, own: Bools) -> tuple[Floats, float]:
         """Return heights above the goal rail as fractions of the largest height, and the current injected per cell.
 
-        `own`: cells with an equation, each of which gets the same current.  The current is in units of supply /
-        resistance.
+        `own` (nx, ny): mask of the cells with an equation, each of which gets the same current.  The current is in
+        units of supply / resistance.
         """
         height = unscaled(*self._elimination.solve(own.astype(np.float64)))
         top = float(height.max(initial=0.0))
@@ -113,10 +120,11 @@ class KeptCircuit:
         return height / top, 1.0 / top
 
     def _between(self, own: Bools, low: Floats, high: Floats) -> tuple[Numbers, Numbers]:
-        """Return drops from the high rail and heights above the low rail, as mantissas and exponents (nx, ny).
+        """Return drops from the high rail and heights above the low rail, as fractions of the supply.
 
-        `own`: cells with an equation; `low, high` (nx, ny): conductances to both rails.  The heights are solutions of a
-        second system if ``1 - drop`` would cancel in some cell.
+        Each is a pair of mantissas and exponents (nx, ny).  The heights are solutions of a second system if ``1 -
+        drop`` would cancel in some cell.  `own` (nx, ny): mask of the cells with an equation; `low`, `high` (nx, ny):
+        conductances to the low and the high rail, in units of 1 / resistance.
         """
         drop = self._elimination.solve(low)
         if not drop[0].min(where=own, initial=np.inf) > 0.0:
@@ -128,7 +136,7 @@ class KeptCircuit:
 
 
 def _empty_values(shape: tuple[int, ...]) -> Values:
-    """Return uninitialized values of the cells of a plane, with a margin of one cell; `shape`: numbers of cells."""
+    """Return uninitialized `Values` of a plane, with a margin of one cell; `shape`: number of cells along each axis."""
     from resgrid.planning.replanning_kernels import Values
 
     wide = tuple(size + 2 for size in shape)
@@ -145,9 +153,10 @@ def _safe_currents(
 ) -> tuple[NDArray[np.int8], Floats]:
     """Return signs and logarithms of all face currents, in units of supply / resistance, (faces,) each.
 
-    `contacts`: contacts of the plane; `values`: values of its cells; `source`: current into every cell from a source in
-    the same unit, and conductance of its leak to the high rail in units of 1 / resistance.  Raise
-    NotSolvedError if the field is not direction-safe.
+    `contacts`: contacts of the plane; `values`: drop or height of every cell; `resistance`: resistance between
+    neighbours, in ohms; `source`: current into every cell from a source, in units of supply / resistance, and
+    conductance of its leak to the high rail, in units of 1 / resistance.  Raise NotSolvedError if the field is not
+    direction-safe.
     """
     from resgrid.planning import replanning_kernels as kernels
 

@@ -9,7 +9,10 @@ from resgrid.core.cell import Cell
 from resgrid.core.space import ConfigurationSpace
 
 _FEW_PAIRS = 300_000
-"""Maximum number of pairs (cell, obstacle cell) for which a brute-force search is faster than importing scipy."""
+"""Maximum number of pairs (cell, obstacle cell) whose distances are all computed; beyond, a distance transform is used.
+
+For few pairs this is faster than the import of scipy.
+"""
 
 
 def clearance_of(
@@ -24,8 +27,8 @@ def clearance_of(
     `points` (n, ndim): corners of the polyline; `space`: gives the cells; `edge`: rule of the grid's edge per axis,
     ``"obstacle"``, ``"open"`` or ``"periodic"``; `reach`: distance up to which obstacle cells are searched, one number
     or one per cell in the shape of the space, None without obstacle cells; `blocked` (cells,): mask of obstacle cells
-    in C order, computed if None. All lengths are in axis units; the result is infinite without obstacles within this
-    distance.
+    in C order, computed if None.  All lengths are in axis units.  The result is infinite if there is no obstacle cell
+    within `reach`, and no edge that acts as an obstacle.
     """
     scaled = split_at_faces(points, space)
     starts, ends = (scaled[:-1], scaled[1:]) if len(scaled) > 1 else (scaled, scaled)
@@ -48,8 +51,8 @@ def segment_clearance(
     `home` (n, ndim): cell of each segment; `starts, ends` (n, ndim): end points relative to the cell's lower corner, in
     cell widths; `edge`: rule of the grid's edge per axis, ``"obstacle"``, ``"open"`` or ``"periodic"``; `reach`:
     distance up to which obstacle cells are searched, one number or one per cell in the shape of the space, None without
-    obstacle cells; `blocked` (cells,): mask of obstacle cells in C order, computed if None. The result is in axis
-    units, infinite without obstacles within this distance.
+    obstacle cells; `blocked` (cells,): mask of obstacle cells in C order, computed if None.  The result is in axis
+    units; it is infinite if there is no obstacle cell within `reach`, and no edge that acts as an obstacle.
     """
     from resgrid.planning import kernels
 
@@ -96,9 +99,9 @@ def obstacle_reach(space: ConfigurationSpace) -> NDArray[np.float64] | None:
 
 
 def _nearest_centres(space: ConfigurationSpace, clear: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Return distances between each cell's centre and the nearest obstacle cell's centre, shape of the space.
+    """Return the distance from every cell's centre to the nearest centre of an obstacle cell, in axis units.
 
-    `clear`: mask of the cells that are not obstacles, shape of the space.  Distances are in axis units.
+    The result has the shape of the space.  `clear`: mask of the cells that are not obstacles, shape of the space.
     """
     shape, rings = np.array(space.shape), np.asarray(space.periodic)
     apart = np.abs(np.argwhere(np.ones_like(clear))[:, np.newaxis] - np.argwhere(~clear))
@@ -107,9 +110,9 @@ def _nearest_centres(space: ConfigurationSpace, clear: NDArray[np.bool_]) -> NDA
 
 
 def split_at_faces(points: NDArray[np.float64], space: ConfigurationSpace) -> NDArray[np.float64]:
-    """Return the corners (m, ndim) of a polyline in cell widths, with a corner added at every crossing of a cell face.
+    """Return the corners (m, ndim) of a polyline, with a corner added at every crossing of a cell face.
 
-    `points` (n, ndim): corners of the polyline in axis units.  Results are measured from the lower corner of the grid.
+    The result is in cell widths from the lower corner of the grid.  `points` (n, ndim): corners in axis units.
     """
     scaled = (points - space.lower) / space.spacing
     start, end = scaled[:-1], scaled[1:]

@@ -28,7 +28,7 @@ class ClearanceCurve:
     Attributes
     ----------
     knob : {"k", "wall_resistance"}
-        The parameter.
+        Name of the parameter: the weight k of the Dirichlet field, or the wall resistance.
     value : ndarray of float64, shape (n,)
         Values of the parameter: pure numbers for ``"k"``, ohms for ``"wall_resistance"``.
     starts : ndarray of float64, shape (m, ndim)
@@ -91,7 +91,7 @@ def clearance_curve(
     ks : array_like of float, shape (n,)
         Weights of the Dirichlet field, in [0, 1].
     starts : array_like of float, shape (m, ndim), optional
-        Starts in world coordinates.  By default the centres of about 200 cells with a path, evenly spaced in C order.
+        Starts in world coordinates.  By default the centres of at most 200 cells with a path, evenly spaced in C order.
     wall_resistances : array_like of float, shape (n,), optional
         Wall resistances in ohms, in place of `ks`, with one solve each: 0 is Dirichlet, infinity is Neumann.
 

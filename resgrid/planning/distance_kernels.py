@@ -18,8 +18,9 @@ def chamfer_distances(clear: NDArray[np.bool_], width: float, height: float) -> 
     """Return the length of the shortest chain of steps from every cell's centre to an obstacle cell's, (nx, ny).
 
     A step joins the centres of cells that share a face or a corner (Borgefors, Comput. Vis. Graph. Image Process. 34,
-    1986, 344).  The length is an upper bound of the distance, at most 8.3 % above it for square cells.
-    `clear` (nx, ny): cells that are not obstacles; `width`, `height`: cell widths.
+    1986, 344).  The length, in the unit of the cell widths, is an upper bound of the distance of both centres, at most
+    8.3 % above it for square cells; it is infinite without obstacle cells.  `clear` (nx, ny): mask of cells that are
+    not obstacles; `width`, `height`: cell widths along the first and the second axis.
     """
     nx, ny = clear.shape
     diagonal = math.hypot(width, height)

@@ -18,16 +18,18 @@ from resgrid.robots import PointRobot
 from resgrid.scene import Scene, build_space
 
 _MOST_TRIALS = 2000
-"""Maximum number of straight lines that are tested, in order of their length."""
+"""Maximum number of straight lines that are tested, the shortest ones first; longer lines are not tried."""
 
 
 def escape_leg(
     scene: Scene, space: ConfigurationSpace, start: NDArray[np.float64], targets: NDArray[np.bool_]
 ) -> Polyline | None:
-    """Return the shortest straight line from a start in the inflated zone to a target cell; None if there is none.
+    """Return the shortest straight line from a start in the inflated zone to a target cell.
 
-    The robot's centre crosses no obstacle on the line.  `space`: space of the scene without goals; `start` (ndim,): in
-    world coordinates; `targets`: mask of free cells, shape of the space.  Raises InputError for robots without radius.
+    The robot's centre crosses no obstacle on the line; None if the centre lies in an obstacle, or if no such line is
+    among the `_MOST_TRIALS` shortest lines.  The inflated zone consists of the cells in which the robot, but not its
+    centre, touches an obstacle.  `space`: space of the scene without goals; `start` (ndim,): in world coordinates;
+    `targets`: mask of free cells, shape of the space.  Raise InputError for robots without radius.
     """
     if not isinstance(scene.robot, PointRobot) or not scene.robot.radius:
         raise InputError("escape applies to discs and balls, which have a radius; other robots have no inflated zone")

@@ -19,17 +19,17 @@ FLAT = (
     "no current flows here, because these cells are connected to a goal but to no obstacle: open the obstacles "
     "(boundary = 'neumann', or k below 1), or let the edge count as an obstacle (edge = 'obstacle')"
 )
-"""Message for the outcome ``no_current`` between obstacles on the rail."""
+"""Message for the outcome ``no_current`` in a circuit without a drive, whose current comes from the obstacle rail."""
 
 _MORE_PROOFS = "use more cells, or a larger value of the robot's halvings"
-"""Remedy for undecided cells."""
+"""Remedy in messages about undecided cells, which become fewer with more cells or more halvings of cells."""
 
 
 def failure_reason(outcome: str, space: ConfigurationSpace, cell: tuple[int, ...]) -> str | None:
     """Return the reason why a path ended with an outcome, and a remedy, as a message; None for ``"reached"``.
 
-    `outcome`: value of `Outcome`; `cell`: start cell of the path.  Messages of `resgrid.planning.advice` also name
-    changes of the scene that were tried.
+    `outcome`: value of `Outcome`; `space`: space of the path; `cell`: start cell of the path.  The messages of
+    `resgrid.planning.advice` also name changes of the scene that open a path.
     """
     if outcome not in FAILURE_REASONS:
         return None

@@ -117,7 +117,7 @@ class Field:
         return np.asarray(self.face_direction[axis] * np.exp(self.face_log_current[axis]), dtype=np.float64)
 
     def faces_of(self, cells: NDArray[np.int64]) -> tuple[NDArray[np.int8], NDArray[np.float64]]:
-        """Return signs and log magnitudes (2, n, ndim) of currents through lower and upper faces of cells (n, ndim)."""
+        """Return signs and ln magnitudes (2, n, ndim) of currents through lower and upper faces of cells (n, ndim)."""
         direction = np.empty((2, *cells.shape), dtype=np.int8)
         log_current = np.empty((2, *cells.shape))
         for axis in range(self.space.ndim):
@@ -133,8 +133,8 @@ class Field:
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the scaled gradient of the potential at points within cells, and the logarithm of the scale.
 
-        The current through a face of axis ``a`` is ``(h_ref / h_a)**2`` times the decrease of the potential.  The
-        gradient is therefore minus the current times ``h_a``, up to a common factor, and linear between the faces.
+        At conductivity 1 the current through a face of axis ``a`` is ``(h_ref / h_a)**2`` times the decrease of the
+        potential.  The gradient is therefore minus the current times ``h_a / h_ref**2``, and linear between the faces.
 
         Parameters
         ----------
@@ -146,9 +146,9 @@ class Field:
         Returns
         -------
         gradient : ndarray of float64, shape (n, ndim)
-            Gradient divided by the scale of its cell.
+            Gradient times ``h_ref**2``, divided by the scale of its cell.
         log_scale : ndarray of float64, shape (n,)
-            Natural logarithm of the scale, which may exceed the range of float64.
+            Natural logarithm of the scale, the largest current through a face of the cell; 0 without current.
         """
         direction, log_current = self.faces_of(cells)
         largest = log_current.max(axis=(0, 2))
@@ -190,7 +190,7 @@ def _stop_codes(space: ConfigurationSpace, safe: NDArray[np.bool_] | None) -> ND
 
 
 def _flattened(parts: tuple[NDArray[Any], ...]) -> NDArray[Any]:
-    """Return the concatenation (n,) of flattened arrays; no copy if they are consecutive views of one array."""
+    """Return the concatenation (n,) of the flattened `parts`; no copy if they are consecutive views of one array."""
     whole = parts[0].base
     if isinstance(whole, np.ndarray) and whole.ndim == 1 and whole.size == sum(part.size for part in parts):
         ends = np.cumsum([0, *(part.nbytes for part in parts)]) + whole.ctypes.data
@@ -261,8 +261,8 @@ def field(op: OperatingPoint | WarmPoint) -> Field:
 
 
 Elements = tuple[NDArray[np.integer[Any]], NDArray[np.bool_], NDArray[np.int8], NDArray[np.float64]]
-"""Four arrays (elements,): index of the face that the element crosses (-1 for none), whether the element points along
-the axis, sign of its current, natural logarithm of the current's magnitude in amperes."""
+"""Four arrays (elements,): index of the face that the element crosses (-1 for none), whether its first node is on the
+lower side, sign of the current out of this node, natural logarithm of the current's magnitude in amperes."""
 
 
 def read_field(
@@ -272,9 +272,10 @@ def read_field(
     log_drop: NDArray[np.float64] | None,
     *elements: Elements,
 ) -> Field:
-    """Return the field of nodes with `potential` and `log_drop` (n,), or None for no drop, and currents of `elements`.
+    """Return the field of a compiled circuit.
 
-    `volts`: voltage of a potential difference of 1, signed; `elements`: face, sense, sign and ln of each current.
+    `cells`: map of the nodes; `volts`: signed voltage of a potential difference of 1; `potential`, `log_drop` (nodes,):
+    values of the nodes, `log_drop` None without a drop; `elements`: currents of one or more kinds of elements.
     """
     space = cells.space
     faces = sum(face_counts(space.shape))
@@ -296,9 +297,10 @@ def read_field(
 
 
 def read_cells(space: ConfigurationSpace, wiring: Wiring, voltage: NDArray[np.float64], *, check: bool = True) -> Field:
-    """Return the field given by the `voltage` of cells (shape of the space), in volts; NaN: cell without a node.
+    """Return the field for given voltages of the cells of a space.
 
-    With `check`, the mask `Field.safe` is computed from the KCL residual of every cell; otherwise it is None.
+    `voltage` (shape of the space): in volts, NaN for a cell without a node; a goal-connected cell with NaN gets the
+    goal's voltage; `check`: whether `Field.safe` is computed from the KCL residuals; otherwise it is None.
     """
     at_goal = (space.cell == Cell.GOAL) | (space.goal_connected & np.isnan(voltage))
     volts = np.where(at_goal, wiring.goal_voltage, voltage)
@@ -363,10 +365,7 @@ def undriven_field(space: ConfigurationSpace, wiring: Wiring) -> Field:
 
 
 def _check_driven(op: OperatingPoint, cell_map: CellMap) -> None:
-    """Raise CircuitError unless current flows through a free cell.
-
-    With one source per rail cell, all current may flow between adjacent goal and obstacle cells.
-    """
+    """Raise CircuitError unless current flows through a free cell, and not only between goal and obstacle cells."""
     free = np.zeros(op.netlist.node_count, dtype=np.bool_)
     free[cell_map.free_node] = True
     if not op.resistor_current[free[op.netlist.resistor_nodes].any(axis=1)].any():
@@ -396,5 +395,5 @@ def _check_walls(field: Field) -> None:
 
 
 def _per_cell(cell_map: CellMap, value: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return `value` (nodes,) as an array over the cells, shape of the space; NaN in cells without a node."""
+    """Return the values of the nodes, `value` (nodes,), in the shape of the space; NaN in cells without a node."""
     return np.where(cell_map.node >= 0, value[cell_map.node], np.nan)

@@ -28,8 +28,8 @@ Faces = Sequence[NDArray[np.float64]]
 def safe_cells(op: OperatingPoint) -> NDArray[np.bool_] | None:
     """Return the mask of direction-safe free cells, shape of the space; None if the solver guarantees that all are.
 
-    `op`: operating point of a compiled space.  A cell above the obstacle rail is not safe, because current would flow
-    from the cell into obstacles.
+    `op`: operating point of a compiled space.  A cell whose voltage lies beyond that of the obstacle rail is not safe,
+    because current would flow from the cell into obstacles.
     """
     if op.has_stored_currents and op.kcl_residual <= DIRECTION_RESIDUAL:
         return None
@@ -71,7 +71,8 @@ def leak_currents(
 ) -> tuple[NDArray[np.float64] | float, NDArray[np.float64] | float]:
     """Return the currents of leaks into the cells, and the conductance times the absolute voltages at both ends.
 
-    Currents are positive from the obstacle rail; both are 0 without a leak.  `leak`: conductance of a leak; `volts`:
+    Both results have the shape of `volts`, or are 0 without a leak.  Currents are positive from the obstacle rail into
+    the cell.  `leak`: conductance of the leak of one cell, in siemens; `wiring`: gives the rail voltages; `volts`:
     voltage of every cell, NaN without a node.
     """
     if not leak:
@@ -92,9 +93,10 @@ def obeys_kcl(
     """Return the mask of cells of a box that obey KCL to 1e-6 of their through-current and have an outgoing current.
 
     `conductance`, `currents`: conductances and currents of the faces, one array per axis; `value`: voltages of the
-    cells and of a margin of one cell on each side; `injected`: current of a source or leak into every cell, or one per
-    cell; `held`: mask of cells tied to voltage sources, for which the residual is not tested, shape of the box;
-    `uncertain`: for leaks, the conductance times the sum of the absolute voltages at both ends.
+    cells and of a margin of one cell on each side; `injected`: current of sources and leaks into the cells, one number
+    or one per cell; `held`: mask of cells tied to voltage sources, whose net current need not be 0, shape of the box;
+    `uncertain`: for leaks, the conductance times the sum of the absolute voltages at both ends, which bounds their
+    rounding error.
     """
     shape = sides_of_cells(currents[0], 0)[0].shape
     net, total, rounding = (np.full(shape, start) for start in (injected, np.abs(injected), uncertain))
@@ -110,10 +112,10 @@ def obeys_kcl(
 
 
 def between_rails(height: NDArray[np.float64], wiring: Wiring) -> NDArray[np.bool_]:
-    """Return the mask of heights, in volts, that are at most the supply; with a drive, True for all cells.
+    """Return the mask of cells whose height is at most the supply; True everywhere if the wiring has a drive.
 
-    `height`: voltage of each cell above the goal rail.  A cell above the obstacle rail would drive current into an
-    obstacle.
+    A cell above the obstacle rail would drive current into an obstacle.  `height`: voltage of each cell above the goal
+    rail, in volts, with the sign of the supply removed.
     """
     return np.ones(height.shape, dtype=np.bool_) if wiring.is_driven else np.asarray(height <= abs(wiring.supply))
 

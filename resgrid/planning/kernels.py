@@ -67,7 +67,7 @@ def _face(flow: Flow, cell: Integers, axis: int) -> int:
 
 @inlined
 def face_velocities(flow: Flow, cell: Integers, lower: Floats, upper: Floats) -> float:
-    """Write a cell's face currents over the largest to `lower, upper` (signed by axis); return ln of the largest."""
+    """Write a cell's signed face currents over their largest magnitude to `lower, upper`; return ln of the divisor."""
     scale = -np.inf
     for axis in range(len(cell)):
         face = _face(flow, cell, axis)
@@ -114,7 +114,7 @@ def _moved(x: float, lower: float, upper: float, time: float) -> float:
 
 @inlined
 def _first_exit(local: Floats, lower: Floats, upper: Floats) -> tuple[float, int, int]:
-    """Return time, axis (-1: none), side (-1 lower, 1 upper) of the exit from `local` (0 to 1), for face velocities."""
+    """Return time, axis (-1: none), side (-1 lower, 1 upper) of the first exit from `local`, for face velocities."""
     time, across, side = np.inf, -1, 0
     for axis in range(len(local)):
         axis_time, axis_side = _exit_time(local[axis], lower[axis], upper[axis])
@@ -137,7 +137,7 @@ def _strongest_exit(lower: Floats, upper: Floats) -> tuple[float, int, int]:
 
 @inlined
 def _cross(local: Floats, lower: Floats, upper: Floats, spacing: Floats) -> tuple[float, float, int, int]:
-    """Move `local` (0 to 1) to the exit of its cell; return time, length, axis (-1: none), side (-1 lower, 1 upper)."""
+    """Move `local` (0 to 1) to its cell's exit face; return time, length, axis (-1: none), side (-1 lower, 1 upper)."""
     time, across, side = _first_exit(local, lower, upper)
     drifts = across >= 0
     if not drifts:
@@ -203,9 +203,9 @@ def trace(flow: Flow, cell: Integers, local: Floats, cells: Integers, locals_: F
 def only_goal(flow: Flow, goal: Integers, periodic: NDArray[np.bool_]) -> Integers:
     """Return the index of the goal region at which all current lines from each cell end, shape (cells,).
 
-    The result is -1 if all lines from a free cell end without current, and `MIXED` if they end in different regions.
-    Cells are labelled in the order of the current, downstream first.
-    ``goal`` (cells,): goal region of every goal cell; ``periodic`` (ndim,): mask of periodic axes.
+    The result is -1 if all lines from a free cell end in cells without outward current, and `MIXED` if they end in
+    different regions.  Cells are labelled downstream first.
+    ``goal`` (cells,): index of the goal region of every goal cell; ``periodic`` (ndim,): mask of periodic axes.
     """
     count, ndim = len(flow.code), len(flow.shape)
     label, exits = np.full(count, MIXED), np.zeros(count, np.int64)
@@ -257,8 +257,8 @@ def trace_many(
     """Trace streamlines from n starts, and write the results of `trace` for each to four arrays (n,).
 
     ``starts`` and ``locals_`` (n, ndim) hold cells and positions within them at the starts on entry, and at the ends on
-    return.  Results: ``outcome``: `REACHED`, `NO_CURRENT` or `ENDLESS`; ``steps``: number of crossings; ``length``: in
-    axis units; ``log_time``: logarithm of the time.
+    return.  Results: ``outcome``: `REACHED`, `NO_CURRENT` or `ENDLESS`; ``steps``: number of crossed faces; ``length``:
+    in axis units; ``log_time``: natural log of the time, for velocities equal to face currents.
     """
     no_cells, no_locals = np.empty((0, starts.shape[1]), np.int64), np.empty((0, starts.shape[1]))
     for k in range(len(starts)):
@@ -267,7 +267,7 @@ def trace_many(
 
 @inner
 def segment_to_box(start: Floats, end: Floats, lower: Floats, upper: Floats) -> float:
-    """Return the distance of the segment from `start` to `end` to the box with corners `lower, upper` (bisection)."""
+    """Return the distance from the segment `start` to `end` to the box with corners `lower, upper`, by bisection."""
     a, b = 0.0, 1.0
     for _ in range(54):
         t = 0.5 * (a + b)
@@ -350,10 +350,10 @@ def segment_is_free(
 ) -> bool:
     """Return whether every closed cell that a closed segment touches is free.
 
-    ``start, end`` (ndim,): in cell units, continuous across seams; ``free`` (cells,): mask in C order.  Cells are
-    enlarged by ``rim`` on every side (rounding only adds cells).  Outside the grid (``shape, periodic``) none is free.
-    In each slab of cells along the segment's longest component, every cell in the bounding box of the segment's part
-    is tested, so that the set of cells is exact in any number of dimensions.
+    ``start, end`` (ndim,): in cell units, continuous across seams; ``free`` (cells,): mask in C order; ``shape``,
+    ``periodic`` (ndim,): number of cells, and whether the axis is periodic; ``rim``: margin, in cell units, by which
+    cells are enlarged.  Cells outside the grid are not free.  In each slab of cells along the segment's longest
+    component, every cell in the bounding box of the segment's part is tested: the set of cells is exact.
     """
     ndim = len(shape)
     major = 0

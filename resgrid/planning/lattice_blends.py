@@ -17,7 +17,8 @@ def blend_lattice_fields(dirichlet: LatticeField, neumann: LatticeField, k: floa
 
     Steps have equal conductances in both circuits, so that blended currents are those of the blended potential.  The
     sum of superharmonic functions is superharmonic: from every site with a path to a goal, a current leads to a lower
-    potential.  `k`: weight of the Dirichlet field; 1 and 0 return the given fields.
+    potential.  The potential is NaN in obstacles.  `dirichlet`, `neumann`: fields with the potentials ``phi_D`` and
+    ``phi_N``; `k`: weight of the Dirichlet field; for 1 and 0 the given field is returned.
     """
     check_k(k)
     check_pair(dirichlet, neumann)

@@ -25,7 +25,8 @@ ReadOut = Literal["density", "current"]
 SAME_CURRENT = 1e-9
 """Difference of the natural logarithms of two currents or current densities below which they count as equal.
 
-The read-out then takes the first of the steps, so that rounding errors of symmetric currents do not change a path.
+Of several steps with the largest current, a path then takes the first one in the order of the lattice.  Rounding errors
+of symmetric currents therefore do not change a path.
 """
 
 
@@ -47,8 +48,8 @@ class LatticeField:
         Natural logarithm of the drop ``u = 1 - phi``, accurate even where ``phi`` rounds to 1; -inf at sites without a
         path to a goal, NaN without a node.  None if the circuit has no high rail (uniform drive), and for blends.
     step_direction : tuple of ndarray of int8
-        Sign of the current along a step of the lattice from every site, 0 without current; one array of the lattice's
-        shape per step.  Contacts with obstacles are no steps.
+        Sign of the current along a step of the lattice from every site: 1 from the site to its neighbour, -1 towards
+        the site, 0 without current; one array of the lattice's shape per step.  Currents into obstacles are left out.
     step_log_current : tuple of ndarray of float64
         Natural logarithm of the current's magnitude, in units of supply / resistance and for the potential as scaled;
         -inf without current.
@@ -57,10 +58,10 @@ class LatticeField:
     read_out : {"density", "current"}
         Quantity that decides the step from a site: the largest current density ``I / (g |s|)`` of the current I along a
         step s with the weight g, or the largest current.  The two agree where all resistors are equal, as on a
-        hexagonal lattice of equal pitch.  On other lattices, the largest current prefers the larger conductances of
-        face neighbours, and almost never follows a diagonal.
+        hexagonal lattice with equal distances of neighbours.  On other lattices, the largest current prefers the larger
+        conductances of face neighbours, and almost never follows a diagonal.
     space : ConfigurationSpace
-        The space.
+        Configuration space of the lattice.
     boundary : str
         Boundary condition at obstacles: ``"dirichlet"``, ``"neumann"``, ``"wall"`` or ``"blend"``.
     edge : tuple of str
@@ -68,7 +69,7 @@ class LatticeField:
     is_flowing : bool
         Whether any current is nonzero.
     next_site : ndarray of int64, shape of the lattice
-        Flat index of the site to which the read-out leads from every site; -1 without outward current, and in goals.
+        Flat index of the next site of a path from every site; -1 without outward current, and in goals.
 
     Examples
     --------
@@ -118,11 +119,14 @@ class LatticeField:
 
     @cached_property
     def obstacle_reach(self) -> NDArray[np.float64] | None:
-        """Upper bounds of the distance from any point of each cell to the nearest obstacle cell, in axis units."""
+        """Upper bounds of the distance from any point of each cell to the nearest obstacle cell, in axis units.
+
+        Shape of the space; None without an obstacle cell.
+        """
         return obstacle_reach(self.space)
 
     def outward(self, step: int, sense: int) -> NDArray[np.float64]:
-        """Return the natural logarithm of the outward current of every site in one direction, flat, -inf for none.
+        """Return the natural logarithm of the outward current of every site in one direction.
 
         Parameters
         ----------
@@ -134,7 +138,8 @@ class LatticeField:
         Returns
         -------
         ndarray of float64, shape (sites,)
-            In units of supply / resistance.
+            Logarithm of the current in units of supply / resistance; -inf without a current, and for a current that
+            flows towards the site.
         """
         direction, log_current = self.step_direction[step].ravel(), self.step_log_current[step].ravel()
         outward = np.where(direction == sense, log_current, -np.inf)
@@ -144,10 +149,11 @@ class LatticeField:
         return np.where(back >= 0, outward[back], -np.inf)
 
     def _rating(self, step: int, sense: int) -> NDArray[np.float64]:
-        """Return the natural logarithm of the quantity that `read_out` compares, of every site in one direction, flat.
+        """Return the natural logarithms of the quantity that `read_out` compares, for every site in one direction.
 
-        The quantity is the outward current or its density, in units of supply / resistance (and per cell width); -inf
-        for none.  `step`, `sense`: direction, as in `outward`.
+        The quantity is the outward current ``I``, in units of supply / resistance, or its density ``I / (g |s|)``, with
+        the length ``|s|`` of the step in units of the smallest cell width.  The result has the shape (sites,); -inf
+        without outward current.  `step`: index of the step; `sense`: 1 for the step, -1 for its negative.
         """
         outward = self.outward(step, sense)
         if self.read_out == "current":
@@ -161,7 +167,10 @@ class LatticeField:
 
     @cached_property
     def largest_rating(self) -> NDArray[np.float64]:
-        """Natural logarithm of the largest quantity that `read_out` compares, of every site, flat; -inf for none."""
+        """Natural logarithm of the largest outward current, or density, as `read_out` states, of every site, (sites,).
+
+        -inf at sites without outward current.
+        """
         largest = np.full(self.lattice.size, -np.inf)
         for step, sense in self.lattice.directions:
             np.maximum(largest, self._rating(step, sense), out=largest)
@@ -169,9 +178,10 @@ class LatticeField:
 
     @cached_property
     def move(self) -> NDArray[np.int8]:
-        """Index in `Lattice.directions` of the direction of the read-out from every site, flat; -1 for none.
+        """Index in `Lattice.directions` of the direction in which a path leaves every site, (sites,).
 
-        Of directions with equal quantities (`SAME_CURRENT`) the first one is taken.
+        It is the direction of the largest current or density (`read_out`), the first of those that are equal to within
+        `SAME_CURRENT`; -1 at sites without outward current.
         """
         largest = self.largest_rating
         move = np.full(self.lattice.size, -1, dtype=np.int8)
@@ -182,7 +192,7 @@ class LatticeField:
 
     @cached_property
     def next_site(self) -> NDArray[np.int64]:
-        """Flat index of the site to which the read-out leads from every site, -1 for none; lattice's shape."""
+        """Flat index of the next site of a path from every site, in the lattice's shape; -1 without outward current."""
         there = np.full(self.lattice.size, -1, dtype=np.int64)
         for number, (step, sense) in enumerate(self.lattice.directions):
             own = np.flatnonzero(self.move == number)

@@ -41,7 +41,8 @@ class Leg:
     path : Streamline, NodePath or Polyline
         The leg; a polyline for a leg out of the inflated zone.
     kind : {"escape", "via", "goal", "approximate"}
-        End of the leg: the nearest free cell with a path, an intermediate pose, a goal, or the nearest reachable place.
+        ``"escape"``: the leg ends in the nearest free cell with a path; ``"via"``: at an intermediate pose; ``"goal"``:
+        in a goal; ``"approximate"``: at the reachable place that is nearest to a goal.
     certified : bool
         Whether the robot is proven to touch no obstacle on the leg.
 
@@ -75,13 +76,14 @@ class LegPath:
     reason : str or None
         Reason why no goal is reached; None if one is reached.
     distance : float or None
-        Distance, in axis units, of the end from the nearest goal, if the path ends at the nearest reachable place.
+        Distance, in axis units, of the end from the nearest goal, if the path ends at the nearest reachable place;
+        otherwise None.
     space : ConfigurationSpace
         Configuration space of the scene, without goals.
     start : tuple of float
         The requested start, in world coordinates.
     points : ndarray of float64, shape (n, ndim)
-        Points of all legs in world coordinates, continuous across periodic seams; only the start without a leg.
+        Points of all legs in world coordinates, continuous across periodic seams; only the start if there is no leg.
     certified : bool
         Whether all legs are certified.
     length : float
@@ -123,7 +125,7 @@ class LegPath:
 
     @property
     def leg_of_points(self) -> NDArray[np.int64]:
-        """Number of the leg that ends at or contains each row of `points`, shape (n,); 0 for the start."""
+        """Index of the leg that leads to each row of `points`, shape (n,); 0 for the first row, the start."""
         counts = [len(leg.path.line) - 1 for leg in self.legs]
         return np.concatenate([np.zeros(1, dtype=np.int64), np.repeat(np.arange(len(counts)), counts)])
 
@@ -231,8 +233,8 @@ def plan_legs(
 class _Chain:
     """Legs of a path while they are planned.
 
-    `scene`, `space`: the scene and its space without goals; `k`: weight of the Dirichlet field; `at`: end of the last
-    leg, in world coordinates.
+    `scene`, `space`: the scene and its space without goals; `k`: weight of the Dirichlet field, None for the first one
+    of the scene; `at`: end of the last leg, at first the start, in world coordinates.
     """
 
     def __init__(self, scene: Scene, space: ConfigurationSpace, k: float | None, at: Point) -> None:
@@ -249,10 +251,10 @@ class _Chain:
     def follow(
         self, space: ConfigurationSpace, kind: Literal["via", "goal", "approximate"], name: str = "", problem: str = ""
     ) -> bool:
-        """Append the certified streamline to a goal of a space; return whether it exists.
+        """Append the certified path from the end of the last leg to a goal; return whether this path exists.
 
-        `kind`: kind of the leg; `name`: prefix of the reason if it does not exist; `problem`: reason if the space has
-        no goal.
+        Without such a path, set `outcome` and `reason`.  `space`: space with goals; `kind`: kind of the leg; `name`:
+        prefix of the reason; `problem`: reason if the space has no goal.
         """
         if space.goal_count:
             path = plan(space, scene_wiring(self.scene), k=self.k).path(self.at)
@@ -268,7 +270,11 @@ class _Chain:
         return False
 
     def approach(self, goals: NDArray[np.float64]) -> None:
-        """Append the leg to the reachable place that is nearest to one of the goal points (g, d), in axis units."""
+        """Append the leg to the reachable place that is nearest to one of the points `goals` (g, d), in axis units.
+
+        `outcome` and `reason` stay those of the failed leg; `distance` is set to the distance of the place from the
+        goal.
+        """
         outcome, reason = self.outcome, self.reason
         region = label_regions(self.space.cell != Cell.OBSTACLE, self.space.periodic)
         reachable = np.argwhere(region == region[start_cell(self.space, self.at)])
@@ -295,7 +301,7 @@ def _without_goals(scene: Scene) -> MapCells | None:
 
 
 def with_goals(space: ConfigurationSpace, goals: GoalCells) -> ConfigurationSpace:
-    """Return a space without goals with the given free cells as its goals."""
+    """Return a copy of a space without goals in which the given cells are goals, with the given goal points."""
     cell = np.where(goals.cells, np.uint8(Cell.GOAL), space.cell)
     return ConfigurationSpace(
         space.axes, cell, space.conductivity, frame=space.frame, goal_points=goals.points, robot=space.robot,
@@ -304,9 +310,10 @@ def with_goals(space: ConfigurationSpace, goals: GoalCells) -> ConfigurationSpac
 
 
 def final_goals(scene: Scene, blocked: NDArray[np.bool_], *, skip_blocked: bool) -> tuple[GoalCells, list[str]]:
-    """Return the free goal cells of a scene, and the problems of goals without a free cell.
+    """Return the free goal cells of a scene, and one message for every goal without a free cell.
 
-    `skip_blocked`: whether goals without a free cell are left out; otherwise the first one raises InputError.
+    `blocked`: mask of obstacle cells, shape of the space; `skip_blocked`: whether goals without a free cell are left
+    out; otherwise the first one raises InputError.
     """
     where, found, problems = scene.source or "scene", list[GoalCells](), list[str]()
     for number, goal in enumerate(scene.goals):
@@ -326,7 +333,10 @@ def final_goals(scene: Scene, blocked: NDArray[np.bool_], *, skip_blocked: bool)
 
 
 def _goal_points(scene: Scene) -> NDArray[np.float64]:
-    """Return points of the goals of a scene in axis units, shape (g, d), where d is 2 for places of a turning robot."""
+    """Return points in the goals of a scene, in axis units, shape (g, d).
+
+    d is the number of axes, or smaller if a goal states a place without a heading.
+    """
     points: list[NDArray[np.float64]] = []
     for goal in scene.goals:
         match goal:
@@ -351,9 +361,10 @@ def _goal_points(scene: Scene) -> NDArray[np.float64]:
 def _nearest(
     space: ConfigurationSpace, cells: NDArray[np.int64], goals: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], float]:
-    """Return the cell nearest to one of the goals, its point nearest to this goal, and their distance.
+    """Return the cell (ndim,) nearest to any goal, its point (ndim,) nearest to this goal, and their distance.
 
-    `cells` (n, ndim): candidates; `goals` (g, d): points in axis units, of which only the first d coordinates count.
+    Points and distances are in axis units; only the first d coordinates count.  `cells` (n, ndim): candidates; `goals`
+    (g, d): points.
     """
     d, half = goals.shape[1], space.spacing / 2 * (1 - 1e-6)
     centre = space.axis_centre(cells)

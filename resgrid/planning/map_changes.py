@@ -19,7 +19,12 @@ from resgrid.scene.maps.occupancies import cells_of_occupancies
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """A change of a map, in one of four forms; attributes as the parameters of `Planner.update`."""
+    """A change of a map in one of three forms: `grid`, `cells` with `values`, or `occupancy`; the others are None.
+
+    `grid`: code of every cell, the changed space, or the changed map; `cells` (n, ndim), `values` (n,) or (): indices
+    of the changed cells, and their codes; `occupancy` (height, width): occupancies of the cells of the map, as in the
+    ROS message ``nav_msgs/OccupancyGrid``.
+    """
 
     grid: ArrayLike | ConfigurationSpace | MapCells | None
     cells: ArrayLike | None
@@ -44,7 +49,7 @@ class Change:
         return space if np.array_equal(codes, space.cell) else space.with_cells(codes)
 
     def _codes(self, space: ConfigurationSpace) -> NDArray[np.integer]:
-        """Return the code of every cell after the change, shape of the space unless `grid` has another shape."""
+        """Return the code of every cell after the change, shape of the space; a given `grid` may have another shape."""
         if self.grid is not None:
             codes = real_numbers("grid", self.grid)  # type: ignore[arg-type]
             return codes.astype(np.uint8) if codes.dtype == bool else codes
@@ -62,7 +67,10 @@ class Change:
         return codes
 
     def _mapped(self, space: ConfigurationSpace, scene: Scene | None) -> ConfigurationSpace:
-        """Return the space of the scene with the changed map."""
+        """Return the space of the scene with the changed map; `space` itself if nothing changes.
+
+        Raise InputError if there is no scene with a map, or the axes of the changed map differ.
+        """
         if scene is None or scene.map is None:
             raise InputError(
                 "this planner has no scene with a map, so that update() needs grid, an array with the code of every "
@@ -84,7 +92,10 @@ def _same(one: ConfigurationSpace, other: ConfigurationSpace) -> bool:
 
 
 def _from_occupancy(old: MapCells, occupancy: ArrayLike | None) -> MapCells:
-    """Return a map with other occupancies, shape (height, width); its goal cells stay goals where they are free."""
+    """Return the map `old` with other occupancies; its goal cells stay goals where they are free.
+
+    `occupancy` (height, width): values in percent, -1 if unknown, bottom row first.
+    """
     assert occupancy is not None
     values = real_numbers("occupancy", occupancy)
     if values.ndim != 2 or values.shape[::-1] != old.cell.shape:

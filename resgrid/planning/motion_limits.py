@@ -19,9 +19,10 @@ LimitRatio = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 
 def own_velocity_limits(points: NDArray[np.float64], path: AnyPath) -> Limits:
-    """Return the velocity limits of a path's robot for coordinates that change along `points` (n, ndim), else 1.
+    """Return the robot's velocity limits of all coordinates, (ndim,), in world coordinates per second.
 
-    Raises InputError if the robot has no limit for such a coordinate.
+    The limit is 1 for a coordinate that does not change along `points` (n, ndim), since it is not used.  Raise
+    InputError if the robot has no limit for a coordinate that changes.  `path`: gives the robot.
     """
     robot = robot_of(path)
     limits = robot.velocity_limits
@@ -42,7 +43,12 @@ def own_velocity_limits(points: NDArray[np.float64], path: AnyPath) -> Limits:
 
 
 def limit_ratio(name: str, limits: Limits, path: AnyPath) -> LimitRatio:
-    """Return a function that computes ratios of vectors to `limits`; `name`: name of the limits, for messages."""
+    """Return a function that computes the ratios of the magnitudes of vectors (velocities, accelerations) to `limits`.
+
+    The magnitude is the largest coordinate relative to its limit; for a single limit and a robot whose configurations
+    are places, it is the Euclidean norm.  `name`: name of the limits, for messages; `limits`: one number for all
+    coordinates or one for each; `path`: gives the robot.
+    """
     each = per_axis(name, limits, path.space.ndim, "positive and finite", above=0.0)
     if np.size(limits) == 1 and robot_of(path).moves_in_workspace:
         return lambda vectors: np.asarray(np.linalg.norm(vectors, axis=1) / each[0])

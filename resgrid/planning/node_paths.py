@@ -123,7 +123,7 @@ class NodePath:
 
     @property
     def _joins(self) -> int:
-        """1 if the start is a point of its own, apart from the first site; 0 if the path begins at the site."""
+        """Number of points before the first site: 1 if the start is not a site, 0 if the path begins at a site."""
         leg = self.outcome is Outcome.REACHED and not np.isnan(self.space.goal_point(self.cells[-1])).any()
         return len(self.line) - leg - len(self.nodes)
 
@@ -203,7 +203,10 @@ def follow_nodes(field: LatticeField, point: NDArray[np.float64]) -> NodePath:
 
 
 def follow_many_nodes(field: LatticeField, points: NDArray[np.float64]) -> Traces:
-    """Return outcomes, goals and lengths of the paths from `points` (n, ndim), given in axis units."""
+    """Return outcomes, goals and lengths of the paths from `points` (n, ndim), given in axis units.
+
+    The number of steps is that of the steps between sites; `log_duration` is NaN.
+    """
     paths = [follow_nodes(field, point) for point in points]
     reached = np.array([path.outcome is Outcome.REACHED for path in paths], dtype=np.bool_)
     return Traces(
@@ -216,9 +219,10 @@ def follow_many_nodes(field: LatticeField, points: NDArray[np.float64]) -> Trace
 
 
 def _first_site(field: LatticeField, cell: NDArray[np.int64], point: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return the site at which a path begins, (ndim,): the nearest one of the start's cell, or the driven one.
+    """Return the index of the site at which a path begins, (ndim,): the nearest site in the cell of the start.
 
-    `cell` (ndim,): cell of the start; `point` (ndim,): start, in axis units.
+    In the cell that drives the circuit, it is the driven site, the nearest one to the centre of the cell.  `cell`
+    (ndim,): cell of the start; `point` (ndim,): start, in axis units.
     """
     driven = field.wiring.start
     if driven is not None and tuple(cell.tolist()) == tuple(driven):

@@ -167,8 +167,8 @@ def _places(
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Return the cells of points and the positions within the cells, in [0, 1], both (..., ndim).
 
-    `points` (..., ndim): world coordinates; `cells` (..., ndim): cells whose centres are the points; without both, the
-    points are the centres of all cells.
+    `points` (..., ndim): world coordinates, or None; `cells` (..., ndim): cells whose centres are the points, or None;
+    without both, the points are the centres of all cells.  Raise InputError if both are given.
     """
     if points is not None and cells is not None:
         raise InputError("give points or cells, not both")

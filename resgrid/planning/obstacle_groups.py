@@ -55,8 +55,8 @@ class RegionGraph:
 
     `node` (shape of the space): graph node of every cell; `regions`: number of regions, which are the first nodes; node
     ``regions + g`` is group ``g``; `graph` (nodes, nodes): symmetric matrix of the costs of steps between adjacent
-    nodes. The cost of a path is the number of groups on it, plus a small amount per cell of a group, which prefers
-    small groups.
+    nodes.  The cost of a path between two regions is the number of groups on it, plus a number below 1 that grows with
+    the number of cells in these groups.
     """
 
     node: NDArray[np.int64]
@@ -101,9 +101,9 @@ def group_obstacles(space: ConfigurationSpace, virtual: ArrayLike | None = None)
 
 
 def adjacency(barriers: Barriers, opened: tuple[int, ...] = ()) -> RegionGraph:
-    """Return the adjacency graph of regions and groups after removal of the groups with indices `opened`.
+    """Return the adjacency graph of regions and groups if the cells of the groups with indices `opened` are free.
 
-    The cells of removed groups count as free.
+    These groups become parts of regions, and have graph nodes without edges.
     """
     space = barriers.space
     passable = (space.cell != Cell.OBSTACLE) | barriers.mask(*opened)

@@ -12,19 +12,23 @@ from resgrid.planning.motion_limits import LimitRatio
 from resgrid.scene.speed_zones import SpeedLimits, SpeedZones
 
 Knots = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
-"""Times (n,), positions and velocities (n, ndim), and accelerations (n - 1, ndim) of a `Trajectory`, in this order."""
+"""Times (n,) of knots, positions and velocities (n, ndim) at the knots, accelerations (n - 1, ndim) between them.
+
+Units are those of a `Trajectory`: seconds and world coordinates.
+"""
 
 _STRAIGHT = 1e-12
 """Euclidean norm of the change of unit direction at a corner (no unit) below which the path counts as straight."""
 
 _MOMENT = 1e-13
-"""Duration below which a piece of constant acceleration is omitted, as a fraction of the total duration."""
+"""Duration below which a phase of constant acceleration is omitted, as a fraction of the duration of the motion."""
 
 
 def at_constant_velocities(points: NDArray[np.float64], velocity: LimitRatio, zones: SpeedZones | None = None) -> Knots:
-    """Return times, positions, velocities, accelerations (0) at largest constant velocities between `points`.
+    """Return times, positions, velocities and accelerations (0) of a motion with the largest constant velocities.
 
-    `velocity`: ratio to the velocity limits; `zones`: further speed limits, None for none.
+    The velocity is constant between two corners.  `points` (n, ndim): corners in world coordinates; `velocity`:
+    function that returns ratios of vectors to the velocity limits; `zones`: further speed limits, None for none.
     """
     points, _, limits = _split(points, zones)
     step = np.diff(points, axis=0)
@@ -43,9 +47,11 @@ def with_blends(
     within: float,
     zones: SpeedZones | None = None,
 ) -> Knots:
-    """Return times, positions, velocities, accelerations with blends at most `within` away from the `points`.
+    """Return times, positions, velocities and accelerations of a motion that rounds corners by parabolic blends.
 
-    `velocity`, `acceleration`: ratios to the limits; `zones`: further speed limits, None for none.
+    `points` (n, ndim): corners in world coordinates; `velocity`, `acceleration`: functions that return ratios of
+    vectors to the limits; `within`: largest distance of a blend from its corner; `zones`: further speed limits, None
+    for none.
     """
     heading = np.diff(points, axis=0)
     heading /= np.linalg.norm(heading, axis=1)[:, np.newaxis]
@@ -74,7 +80,8 @@ def with_blends(
 def _straight_pieces(length: float, enter: float, leave: float, top: float, accel: float) -> list[tuple[float, float]]:
     """Return pairs (duration, final speed) for acceleration, constant speed and braking on a straight part.
 
-    `length`: length of the part; `enter, leave`: speeds at both ends; `top`, `accel`: limits of speed, acceleration.
+    Phases without duration are left out.  `length`: length of the part; `enter`, `leave`: speeds at its start and end;
+    `top`, `accel`: limits of speed and acceleration.
     """
     peak = min(top, float(np.sqrt(accel * length + (enter**2 + leave**2) / 2)))
     peak = max(peak, enter, leave)
@@ -84,7 +91,11 @@ def _straight_pieces(length: float, enter: float, leave: float, top: float, acce
 
 
 def _knots(points: NDArray[np.float64], pieces: list[tuple[float, NDArray[np.float64]]]) -> Knots:
-    """Return times, positions from ``points[0]`` on, velocities, accelerations; `pieces`: (duration, end velocity)."""
+    """Return times, positions, velocities and accelerations of consecutive phases of constant acceleration.
+
+    The motion starts at rest in the first point and ends at rest in the last one.  `points` (n, ndim): corners of the
+    path; `pieces`: duration and final velocity (ndim,) of every phase.
+    """
     total = sum(duration for duration, _ in pieces)
     pieces = [piece for piece in pieces if piece[0] > _MOMENT * total]
     seconds = np.array([duration for duration, _ in pieces])
@@ -108,7 +119,8 @@ def _blend_limits(
     """Return distances from corners to the ends of their blends, and largest speeds in blends, both (n + 1,).
 
     `heading` (n, ndim), `length`, `top_speed` (n,): unit directions, lengths and largest speeds of the n segments;
-    `acceleration`: ratio to the limits; `within`: largest deviation from a corner.  Results are 0 at start and end.
+    `acceleration`: function that returns ratios of vectors to the acceleration limits; `within`: largest distance of a
+    blend from its corner.  Results are 0 at the start and the end of the path.
     """
     reach, speed = np.zeros(len(length) + 1), np.zeros(len(length) + 1)
     turn = np.diff(heading, axis=0)
@@ -130,7 +142,8 @@ def _attainable_speeds(
 ) -> NDArray[np.float64]:
     """Return the largest speeds (n + 1,) at corners that satisfy ``v'^2 <= v^2 + 2 a s`` in both directions.
 
-    `limit` (n + 1,): speed limits at corners; `straight` (n,): lengths s; `accel` (n,): acceleration limits a.
+    ``v`` and ``v'`` are the speeds at the ends of a segment.  `limit` (n + 1,): speed limits at corners; `straight`
+    (n,): lengths ``s`` of the straight parts of the segments; `accel` (n,): acceleration limits ``a``.
     """
     square = limit**2
     for k in range(len(straight)):
@@ -143,7 +156,11 @@ def _attainable_speeds(
 def _split(
     points: NDArray[np.float64], zones: SpeedZones | None
 ) -> tuple[NDArray[np.float64], NDArray[np.int64], SpeedLimits]:
-    """Return a polyline (n, ndim) divided where its speed limits change, as by `SpeedZones.split`."""
+    """Return the corners (m, ndim) of a polyline divided where its speed limits change, and data of its segments.
+
+    The data are the index (m - 1,) of the original segment that contains each segment, and the speed limits of each.
+    `points` (n, ndim): corners in world coordinates; `zones`: speed limits, None for none.
+    """
     if zones is None:
         count = len(points) - 1
         return points, np.arange(count), SpeedLimits(np.ones(count), np.full(count, np.inf))

@@ -115,7 +115,7 @@ def solve_ranked(space: ConfigurationSpace, wiring: Wiring, ranks: int | None, l
 
 
 def _require_memory_of(space: ConfigurationSpace, ranks: int) -> None:
-    """Raise BudgetError if this computer has too little memory for a number of ranks; warn if it has fewer cores."""
+    """Raise BudgetError if this computer has too little memory for `ranks` processes; warn if it has fewer cores."""
     cores, cells = os.cpu_count() or 1, space.cell.size
     if ranks > cores:
         warnings.warn(f"more ranks ({ranks}) than cores ({cores}): they wait for one another", stacklevel=3)
@@ -124,7 +124,7 @@ def _require_memory_of(space: ConfigurationSpace, ranks: int) -> None:
 
 
 def _write_through(folder: Path) -> None:
-    """Write cached pages of all files to the disk, so that other computers that share the folder read them."""
+    """Write cached pages of all arrays in `folder` to the disk, so that computers that share the folder read them."""
     for file in folder.glob("*.npy"):
         with file.open("r+b") as opened:
             os.fsync(opened.fileno())
@@ -142,7 +142,10 @@ def slabs(space: ConfigurationSpace) -> Iterator[tuple[int, int]]:
 def write_equations(space: ConfigurationSpace, wiring: Wiring, folder: Path, rtol: float) -> None:
     """Write the equations of the circuit to files in `folder` for the PETSc processes, one slab of cells at a time.
 
-    `rtol`: requested norm of the residual, relative to the norm of the right-hand side.
+    Arrays, all of the shape of the space, are written to files named as follows.  ``ahead_A``: conductance to the next
+    cell along axis ``A``; ``ground``: sum of the conductances to rails; ``drive``: right-hand side; ``answer``: space
+    for the solution.  ``system.json`` contains the shape and `rtol`, the requested norm of the residual, relative to
+    the norm of the right-hand side.
 
     Raises
     ------
@@ -201,7 +204,7 @@ def read_rows(
 
     `answer` (shape of the space): PETSc's solution: drops, or with a uniform drive heights, in the unit for which every
     injected current and ``1 / resistance`` is 1; `rows`: first index of the slab along the first axis, and the index
-    after the last.  The values of the result are of the same kind.
+    after the last.  The result has drops if `answer` has drops, else heights.
     """
     contacts = contacts_of_box(space, wiring, [rows])
     falls = wiring.drive != "uniform"  # a drop grows from the high rail to the goals

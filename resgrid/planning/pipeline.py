@@ -144,6 +144,8 @@ class Problem:
     def only_wiring(self) -> tuple[str, Wiring]:
         """Return name and wiring of the problem's only circuit; a single k must be 0 or 1.
 
+        The name is that of the boundary, or ``neumann_start_N`` if start N drives the circuit.
+
         Raises
         ------
         InputError

@@ -46,7 +46,7 @@ class RandomWalk:
     factors : CircuitFactor
         Factorization of the nodal equations of all free nodes.
     row : ndarray of int32, shape of the space
-        Matrix row of every free cell; -1 elsewhere.
+        Matrix row of every free cell; -1 for other cells, and for free cells without a node.
     to_goal : scipy.sparse.csr_array of float64, shape (goals, rows)
         Conductance from every row to every goal region, in siemens.
 

@@ -33,10 +33,10 @@ class Replanning:
     reason : str or None
         Reason for a fresh plan; None for other methods.
     changed : int
-        Number of cells whose code or conductivity has changed.
+        Number of cells whose code or conductivity has changed; all cells if the axes have changed.
     eliminated : float
-        Fraction of the nodes of the elimination tree that were eliminated, in [0, 1]: 1 in the first update, and the
-        mean over both fields of a blend; NaN for a fresh plan.
+        Fraction of the nodes of the elimination tree that were eliminated, in [0, 1]: 1 in the first update, 0 for
+        ``"unchanged"``, and the mean over both fields of a blend; NaN for a fresh plan.
 
     Examples
     --------
@@ -53,9 +53,10 @@ class Replanning:
 
 
 class KeptCircuits:
-    """Eliminated equations that the planners of one map share, by name of the circuit.
+    """Eliminated equations of circuits, kept between updates and shared by all planners of one map.
 
-    They save time, but change no result: an update brings them to the map of its planner first.
+    They save time, but change no result: every update first repeats the elimination where the map of its planner
+    differs from the map that was eliminated last.
 
     Parameters
     ----------
@@ -74,9 +75,10 @@ class KeptCircuits:
         self.__init__(state["work"])  # type: ignore[misc]
 
     def solve(self, problem: Problem, wirings: Mapping[str, Wiring]) -> tuple[dict[str, Field], float]:
-        """Return the fields of a problem's circuits by name, and the mean fraction of eliminated nodes.
+        """Return the fields of a problem's circuits by name, and the mean fraction of nodes that were eliminated.
 
-        `wirings`: wirings of the circuits by name.  Raise NotSolvedError if a field is not direction-safe.
+        The fraction refers to the nodes of the elimination trees; it is 0 if no circuit carries current.  `wirings`:
+        wirings of the circuits by name.  Raise NotSolvedError if a field is not direction-safe.
         """
         space, fields, fractions = problem.space, dict[str, Field](), []
         with self._lock:
@@ -95,7 +97,8 @@ class KeptCircuits:
 def solve_changed(solution: Solution, space: ConfigurationSpace, kept: KeptCircuits) -> tuple[Solution, Replanning]:
     """Return the solution of a problem on a changed space, and the report of the method.
 
-    `solution`: solution of the problem before the change; `kept`: equations kept from earlier updates.
+    `solution`: solution of the problem before the change; `space`: the changed space; `kept`: equations kept from
+    earlier updates, which are updated in place.
 
     Raises
     ------
@@ -123,7 +126,10 @@ def solve_changed(solution: Solution, space: ConfigurationSpace, kept: KeptCircu
 
 
 def _compared(old: ConfigurationSpace, new: ConfigurationSpace) -> tuple[int, str | None]:
-    """Return the number of changed cells, and the reason why nothing can be reused, or None."""
+    """Return the number of cells that differ, and the reason why no result of the space `old` can be reused for `new`.
+
+    The reason is None if results can be reused.
+    """
     if new.axes != old.axes:
         return new.cell.size, "other axes"
     differs = new.cell != old.cell

@@ -17,10 +17,14 @@ from resgrid.solvers.scaled_kernels import _LOG_BASE, NO_EXPONENT, _shift
 _HIGH, _LOW = 1, 2  # `resgrid.core.compiler.CellRole`
 
 _NOISE = 1e-12
-"""Bound on the relative error of a value; smaller relative differences may be rounding errors."""
+"""Bound on the relative error of the value (drop or height) of a cell.
+
+A smaller relative difference of the values of two cells may be a rounding error.
+"""
 
 _NEGLIGIBLE = 1e-7
-"""Fraction of a cell's through-current, below which currents that may be rounding errors are set to zero."""
+"""Fraction of the through-current of both cells up to which a face current that may be a rounding error is set to zero.
+"""
 
 Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]
@@ -28,11 +32,11 @@ Integers = NDArray[np.int64]
 
 
 class Values(NamedTuple):
-    """Voltage of every cell above the low rail, or its drop from the high rail, whichever is smaller, on a plane.
+    """Value of every cell of a plane: the smaller one of its height above the low rail and its drop from the high rail.
 
-    All arrays have a margin of one cell, (nx + 2, ny + 2).  `own`: whether a cell has an equation; `mantissa,
-    exponent`: value ``mantissa * 2**(256 exponent)`` as a fraction of the rail distance; `is_drop`: whether the value
-    is the drop from the high rail.
+    All arrays have a margin of one cell, (nx + 2, ny + 2).  `own`: whether a cell has an equation; `mantissa`,
+    `exponent`: value ``mantissa * 2**(256 exponent)`` as a fraction of the supply, or with a single rail, of the
+    largest height; `is_drop`: whether the value is a drop.
     """
 
     own: Bools
@@ -50,7 +54,8 @@ def split_contacts(
 
     `kind` (nx + 2, ny + 2): `CellRole` of every cell, with a margin; `own` (nx, ny): whether a cell has an equation;
     `faces`: conductances (nx + 1, ny) and (nx, ny + 1) of the faces across both axes, which are multiplied by `unit`.
-    Results: `inner`, shapes of `faces`; `low, high` (nx, ny): conductance to the low and the high rail.
+    Results: `inner`, shapes of `faces`: conductances between cells with an equation, 0 at other faces; `low`, `high`
+    (nx, ny): conductance of every cell to the low and to the high rail.
     """
     low[:], high[:], inner[0][:], inner[1][:] = 0.0, 0.0, 0.0, 0.0
     for i in range(own.shape[0]):
@@ -82,8 +87,9 @@ def write_values(
     """Write the values, potentials and logarithms of drops of all cells of a plane between two rails.
 
     `kind` (nx + 2, ny + 2): `CellRole` of every cell, with a margin; `own` (nx, ny): whether a cell has an equation;
-    `drop, height`: mantissas and exponents (nx, ny) of drops from the high rail, and of heights above the low rail.
-    Results: `values`; `potential, log_drop` (nx, ny).  Cells without an equation are on a rail.
+    `drop`, `height`: mantissas and exponents (nx, ny) of drops from the high rail, and of heights above the low rail.
+    Results: `values`; `potential` (nx, ny): height as a fraction of the supply; `log_drop` (nx, ny): natural logarithm
+    of the drop.  Cells without an equation get the values of the low or the high rail.
     """
     values.own[:], values.mantissa[:], values.exponent[:], values.is_drop[:] = False, 0.0, 0, True
     for i in range(own.shape[0]):
@@ -126,7 +132,11 @@ def write_heights(kind: NDArray[np.uint8], own: Bools, height: Floats, values: V
 
 @inlined
 def _fall(values: Values, a: tuple[int, int], b: tuple[int, int]) -> tuple[float, int, bool]:
-    """Return the potential of cell `a` minus that of cell `b`: mantissa, exponent, and whether it may be rounding."""
+    """Return the potential of cell `a` minus that of cell `b`, and whether this difference may be a rounding error.
+
+    The difference is ``m * 2**(256 e)``; the results are ``m``, ``e`` and the bool.  `a`, `b`: indices of the cells in
+    the arrays of `values`, which have a margin.
+    """
     m, e, is_drop = values.mantissa, values.exponent, values.is_drop
     if is_drop[a] != is_drop[b]:
         total = _shift(m[a], e[a]) + _shift(m[b], e[b]) - 1.0
@@ -143,8 +153,9 @@ def face_currents(
 ) -> None:
     """Compute the current through every face of a plane, positive along the axis, ``amps * 2**(256 exponent)``.
 
-    `conductance` (faces,): of the faces across the first axis, then across the second one, multiplied by `unit`.
-    Results (faces,): `amps, exponent`, and whether a current may be a rounding error.
+    `values`: values of the cells; `conductance` (faces,): conductances of the faces across the first axis, then across
+    the second one, which are multiplied by `unit`.  Results (faces,): `amps`, `exponent`, and `is_uncertain`: whether a
+    current may be a rounding error.
     """
     nx, ny = values.own.shape[0] - 2, values.own.shape[1] - 2
     for axis in range(2):
@@ -167,9 +178,9 @@ def check_cells(
     """Return the largest violation of KCL relative to the through-current, and the number of cells without outflow.
 
     `values`: values of the cells; `source`: current into each cell with an equation, and conductance of its leak to the
-    high rail; `amps, exponent` (faces,): face currents.  Results (nx, ny): `through, scale`: through-currents
-    ``through * 2**(256 scale)``, half the sums of the magnitudes; 0 in other cells.  Cells without any current are not
-    counted.
+    high rail; `amps`, `exponent` (faces,): face currents ``amps * 2**(256 exponent)``.  Results: `through`, `scale`
+    (nx, ny): through-currents ``through * 2**(256 scale)``, half the sum of the magnitudes of a cell's currents; 0 in
+    cells without an equation.  Cells without any current are skipped.
     """
     nx, ny = through.shape
     own, (injected, leak) = values.own, source
@@ -236,7 +247,11 @@ def drop_uncertain(amps: Floats, exponent: Integers, is_uncertain: Bools, throug
 
 @kernel
 def write_currents(amps: Floats, exponent: Integers, direction: NDArray[np.int8], log_current: Floats) -> None:
-    """Write signs and natural logarithms of the magnitudes of currents; all arrays (faces,)."""
+    """Write signs and natural logarithms of the magnitudes of currents to `direction` and `log_current`.
+
+    All arrays have the shape (faces,).  `amps`, `exponent`: currents ``amps * 2**(256 exponent)``.  A current of 0 has
+    the sign 0 and the logarithm -inf.
+    """
     for face in range(len(amps)):
         size = abs(amps[face])
         direction[face] = 0 if size == 0.0 else (1 if amps[face] > 0.0 else -1)

@@ -24,7 +24,7 @@ LineTest = Callable[[NDArray[np.float64], NDArray[np.float64]], bool]
 """Function of two points (ndim,), in axis units, that returns whether a path may follow the line between them."""
 
 _GAIN = 1e-12
-"""Smallest reduction of length for which a chord replaces a part of the path, as a fraction of the part's length."""
+"""Relative reduction of length above which a chord replaces a part of the path; smaller ones may be rounding errors."""
 
 
 def shortcut(
@@ -92,7 +92,10 @@ def shortcut(
 
 
 def default_clearance(path: Streamline | NodePath) -> float:
-    """Return the default minimum distance of new lines from obstacles, in axis units; 0 if there are no obstacles."""
+    """Return the default minimum distance of the lines of a shortcut from obstacles, in axis units.
+
+    It is half of the path's clearance, but at least a quarter of the smallest cell width; 0 without obstacles.
+    """
     least = float(path.space.spacing.min()) / 4
     return max(path.clearance / 2, least) if np.isfinite(path.clearance) else 0.0
 

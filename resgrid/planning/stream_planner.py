@@ -45,7 +45,7 @@ class StreamedPath:
     Attributes
     ----------
     snapshot : MapSnapshot
-        The snapshot.
+        The map, with the poses of robot and goal, for which the path was planned.
     path : Streamline, NodePath or None
         The path, also of a negative outcome; None if the start or the goal is blocked, or nothing was planned.
     outcome : Outcome or None
@@ -73,11 +73,11 @@ class StreamedPath:
     points : ndarray of float64, shape (n, ndim)
         Points of the path in the frame of the map; empty without a certified path to a goal.
     length : float or None
-        Length of this path in metres; None without one.
+        Length of the path in metres; None without a certified path to a goal.
     clearance : float or None
-        Smallest distance of this path from obstacle cells in metres; None without one.
+        Smallest distance of the path from obstacle cells in metres; None without a certified path to a goal.
     heading : float or None
-        Demanded heading at the goal in radians, of a robot without a heading of its own.
+        For a robot whose space has no heading: heading that the goal demands, in radians; None without one.
 
     Examples
     --------
@@ -128,7 +128,7 @@ class StreamedPath:
 
     @property
     def heading(self) -> float | None:
-        """Demanded heading at the goal in radians; None without one."""
+        """Heading that the reached goal demands, in radians; None without a certified path or a demanded heading."""
         if not self.reached or self.path is None or self.scene is None:
             return None
         goals = self.scene.goals or _goals(self.scene, self.snapshot.goal, 0.0)
@@ -186,9 +186,9 @@ class StreamPlanner:
         Parameters
         ----------
         table : mapping
-            Options of the reader of maps.
+            Options for reading the maps, by name, such as ``"unknown"`` or ``"crop"``.
         changes : mapping
-            Values of scene keys by key path, as text or values.
+            Values of keys of the scene by key path, such as ``"robot.radius"``, as text or as values.
         source : str
             Name of the recording, for messages.
         goal_tolerance : float
@@ -312,7 +312,10 @@ class StreamPlanner:
 
 
 def _require_fit(scene: Scene) -> None:
-    """Raise InputError unless the robot of a scene moves in the plane, and the scene has at most one start."""
+    """Raise InputError unless the robot of a scene moves in the plane, and the scene has at most one start.
+
+    A scene with drive = 'start' raises InputError, too.
+    """
     require_uniform(scene, "a stream of maps")
     if scene.robot.base is not None or scene.robot.workspace_ndim != 2:
         raise InputError(f"{scene.source}: maps of recordings are for robots that move in the plane, not for arms")

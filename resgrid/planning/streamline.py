@@ -79,8 +79,8 @@ class Streamline:
         The field whose current the streamline follows.
     space : ConfigurationSpace
         The configuration space of the path.
-    points, line : ndarray of float64, shape (m, ndim)
-        Distinct points in world coordinates, and in axis units, continuous across periodic seams.
+    points, line : ndarray of float64, shape (p, ndim)
+        Distinct points: `points` in world coordinates; `line` in axis units, continuous across periodic seams.
     reason : str or None
         Reason why the streamline reaches no goal, with a remedy; None if it reaches a goal.
     point_cells : ndarray of int64, shape (n, ndim)
@@ -124,7 +124,7 @@ class Streamline:
 
     @cached_property
     def points(self) -> NDArray[np.float64]:
-        """Distinct points of the streamline in world coordinates, shape (m, ndim)."""
+        """Distinct points of the streamline in world coordinates, shape (p, ndim)."""
         return in_world(self.axis_points[self._places], self.space)
 
     @property
@@ -145,12 +145,12 @@ class Streamline:
 
     @cached_property
     def line(self) -> NDArray[np.float64]:
-        """Distinct points of the streamline in axis units, continuous across periodic seams, shape (m, ndim)."""
+        """Distinct points of the streamline in axis units, continuous across periodic seams, shape (p, ndim)."""
         return np.asarray(self._crossings[self._places])
 
     @cached_property
     def _places(self) -> NDArray[np.int64]:
-        """Indices (m,) of the rows of `axis_points` that remain if rows equal to within rounding error count once."""
+        """Indices (p,) of the rows of `axis_points` that remain if rows equal to within rounding error count once."""
         return distinct_rows(self._crossings, 0.5 * self.space.rounding * self.space.spacing)
 
     @cached_property
@@ -244,7 +244,7 @@ def length_of(points: NDArray[np.float64]) -> float:
 
 
 def summary(outcome: Outcome, goal: int | None, points: int, length: float, clearance: float) -> str:
-    """Return one line on a path: outcome, goal, number of points, and length and clearance in axis units."""
+    """Return a text on a path: outcome, goal (unless None), number of points, length and clearance in axis units."""
     end = f"{outcome}" + ("" if goal is None else f" goal {goal}")
     return f"{end}: {points:,} points, length {length:.4g}, clearance {clearance:.4g}"
 

@@ -25,10 +25,13 @@ from resgrid.scene.mask import Mask
 from resgrid.scene.speed_zones import speed_zones
 
 _MOST_SAMPLES = 10_000_000
-"""Maximum number of samples of a trajectory."""
+"""Maximum number of samples of a trajectory; for more, InputError is raised."""
 
 _LEAST_STEP = 1e-3
-"""Minimum duration of the last step of a sampled trajectory, as a fraction of the sampling period."""
+"""Minimum duration of the last step of a sampled trajectory, as a fraction of the sampling period.
+
+A regular sample nearer to the end is left out.
+"""
 
 
 @frozen
@@ -253,7 +256,10 @@ def time_parameterize(
 
 
 def _default_tolerance(path: AnyPath) -> float:
-    """Return the default of the maximum deviation from a path, in axis units: 0 for a `Polyline`."""
+    """Return the default of the maximum deviation from a path, in axis units.
+
+    It is half of the path's clearance, but at most a quarter of the smallest cell width; 0 for a `Polyline`.
+    """
     if isinstance(path, Polyline):
         return 0.0
     clearance = np.inf if np.isnan(path.clearance) else path.clearance

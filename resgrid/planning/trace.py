@@ -27,7 +27,7 @@ from resgrid.planning.fields import Field
 from resgrid.planning.streamline import Outcome, Streamline
 
 _BATCH = 1 << 18
-"""Maximum number of streamlines per kernel call in `basins`, which limits the memory for their end points."""
+"""Number of streamlines that `basins` traces in one kernel call; it limits the memory for their end points."""
 
 
 @frozen
@@ -40,14 +40,14 @@ class Traces:
     Attributes
     ----------
     outcome : ndarray of str, shape (n,)
-        Values of `Outcome`.
+        Outcome of every streamline, as the text of `Outcome`, such as ``"reached"``.
     goal : ndarray of int64, shape (n,)
         Index of the reached goal region; -1 if the streamline reaches no goal.
     length : ndarray of float64, shape (n,)
         Length in axis units, last leg included; NaN if the streamline does not reach a goal.
     log_duration : ndarray of float64, shape (n,)
-        Natural logarithm of the time to the goal cell's face at the velocity ``-conductivity * grad(phi)``; NaN without
-        motion.
+        Natural logarithm of the time to the goal cell's face, or to the end of the streamline, at the velocity
+        ``-conductivity * grad(phi)``; NaN without motion.
     steps : ndarray of int64, shape (n,)
         Number of crossed faces.
 
@@ -272,7 +272,7 @@ def start_cell(space: ConfigurationSpace, start: ArrayLike) -> tuple[int, ...]:
 def one_start(space: ConfigurationSpace, start: ArrayLike | None, cell: Sequence[int] | None) -> NDArray[np.float64]:
     """Return a start point (ndim,) in axis units; raise InputError unless exactly one of `start` and `cell` is given.
 
-    `start` (ndim,): point in world coordinates; `cell`: cell whose centre is the start.
+    `start` (ndim,): point in world coordinates, or None; `cell`: cell whose centre is the start, or None.
     """
     if (start is None) == (cell is None):
         raise InputError("give either a start point or a start cell")
@@ -285,9 +285,9 @@ def one_start(space: ConfigurationSpace, start: ArrayLike | None, cell: Sequence
 
 
 def cell_indices(space: ConfigurationSpace, cells: ArrayLike | None, ndim: int | None = None) -> NDArray[np.int64]:
-    """Return `cells` (..., space.ndim), indices of cells, as int64; raise InputError unless they are in the grid.
+    """Return `cells` (..., space.ndim), indices of cells, as int64; raise InputError unless all are in the grid.
 
-    `ndim`: required number of dimensions of the array `cells`; None for any number.
+    `ndim`: required number of dimensions of the array `cells`, 1 for a single cell, 2 for a list; None for any number.
     """
     index = np.asarray(cells)
     if index.dtype.kind not in "iu" or index.shape[-1:] != (space.ndim,) or ndim not in (None, index.ndim):

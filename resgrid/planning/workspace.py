@@ -18,7 +18,7 @@ from resgrid.robots.collision_tests import CollisionTest
 from resgrid.scene.world_coordinates import to_space
 
 _MOST = 5_000_000
-"""Maximum number of sampled configurations of a path."""
+"""Maximum number of sampled configurations of a path; for more, InputError is raised."""
 
 _BATCH = 4096
 """Number of configurations per vectorized distance computation."""
@@ -34,11 +34,12 @@ class Collision:
     Attributes
     ----------
     segment : int
-        Index of the segment of the path.
+        Index of the segment of the path, or of the part between two knots of a trajectory.
     configuration : ndarray of float64, shape (ndim,)
         Configuration of the robot, in world coordinates.
     part : int
-        Index of the rigid part of the robot, such as the link of an arm; of a robot from a URDF file, of its body.
+        Index of the rigid part of the robot that collides, such as a link of an arm or a body of a robot from a URDF
+        file.
     obstacle : int or None
         Index of the obstacle in the given sequence; None for a collision of the robot with itself.
     names : tuple of (str, str) or None
@@ -189,16 +190,17 @@ def _test_of(path: AnyPath | Trajectory, obstacles: Sequence[Shape]) -> Collisio
 
 
 def _batches(configurations: NDArray[np.float64]) -> Iterator[NDArray[np.float64]]:
-    """Yield consecutive batches of configurations (n, ndim)."""
+    """Yield consecutive batches, of at most `_BATCH` rows, of `configurations` (n, ndim)."""
     for first in range(0, len(configurations), _BATCH):
         yield configurations[first : first + _BATCH]
 
 
 def sample_path(path: AnyPath | Trajectory, step: float) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return configurations (m, ndim) along a path, in axis units, and the index of the path's segment of each (m,).
+    """Return configurations (m, ndim) along a path, in axis units, and the index (m,) of the segment of each.
 
-    Of a trajectory, the configurations lie on the motion itself, and a segment is the part between two knots.
-    `step`: largest distance that a point of the robot moves between two configurations, in workspace units.
+    The start and the end of the path are included; the end belongs to the last segment.  Of a trajectory, the
+    configurations lie on the motion itself, and a segment is the part between two knots.  `step`: largest distance that
+    a point of the robot moves between two configurations, in workspace units.
     """
     if isinstance(path, Trajectory):
         return _sample_motion(path.motion or path, step)
@@ -212,9 +214,11 @@ def sample_path(path: AnyPath | Trajectory, step: float) -> tuple[NDArray[np.flo
 
 
 def _sample_motion(motion: Trajectory, step: float) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return configurations (m, ndim) on a trajectory, in axis units, and the indices of their knots (m,).
+    """Return configurations (m, ndim) on a trajectory, in axis units, and the index (m,) of the knot before each.
 
-    Between two knots no coordinate moves farther than duration times the larger of both speeds.
+    Between two knots no coordinate changes by more than the duration times the larger one of its speeds at both knots.
+    The last configuration is the end, with the index of the last knot but one.  `step`: largest distance that a point
+    of the robot moves between two configurations, in workspace units.
     """
     robot, space = robot_of(motion.path), motion.space
     robot.check_axes(space.axes)
@@ -238,6 +242,9 @@ def _parts(distance: NDArray[np.float64], step: float) -> NDArray[np.int64]:
 
 
 def _steps(count: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Return segment (m,) and fraction of the segment (m,) of every part, for the numbers of parts (n,) of segments."""
+    """Return the segment of every part (m,), and the position at which the part begins, as a fraction of the segment.
+
+    `count` (n,): number of equal parts of every segment; m is their sum.
+    """
     segment = np.repeat(np.arange(len(count)), count)
     return segment, (np.arange(len(segment)) - np.repeat(np.cumsum(count) - count, count)) / np.repeat(count, count)
