@@ -22,9 +22,9 @@ from resgrid.spice.networks.rasters import read_cells
 def conductance_and_polygons(job: Configuration, habitat: Raster) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the conductance of every cell in S, and the number of its short-circuit region, (rows, columns) each.
 
-    Both are 0 for none. `job`: the configuration; `habitat`: raster of its key ``habitat_file``. Cells that the mask of
-    the configuration removes have no conductance. Raises InputError if no cell remains, or for a short-circuit region
-    (polygon) whose number is not whole.
+    The conductance is 0 in empty cells and in cells that the mask of the configuration removes; the number is 0 outside
+    the regions. `job`: the configuration; `habitat`: raster of its key ``habitat_file``. Raises InputError if no cell
+    remains, or for a short-circuit region (polygon) whose number is not whole.
     """
     conductance = _habitat_conductance(job, habitat.cells)
     if job.flag("use_mask"):

@@ -68,7 +68,7 @@ def _begins_definition(tokens: list[Token], i: int) -> bool:
 
 
 def _value(card: Card, parts: list[Token], *, blanks: bool, alone: bool) -> Token | None:
-    """Return the tokens of a value as one token; None if they do not form a value.
+    """Return the tokens of a value as one token; None if there is no value, or only a mark such as ``=``.
 
     `card`: the card that contains the tokens; `parts`: the tokens after ``name=``; `blanks`: whether an expression may
     contain blanks; `alone`: whether the card has only this definition.

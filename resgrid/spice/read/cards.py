@@ -18,7 +18,7 @@ from resgrid.spice.read.diagnostics import CardError, Diagnostics, Spot
 from resgrid.spice.read.files import SourceFile
 
 Line = tuple[int, str]
-"""Line number in the file, counted from 1, and text of a line."""
+"""Pair of the number of a line in its file, counted from 1, and the text of the line."""
 
 _LANGUAGE = re.compile(r"\s*simulator\s+lang\s*=\s*(\w+)\s*")
 
