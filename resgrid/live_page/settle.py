@@ -29,10 +29,7 @@ _FARADS = 1e-12
 """Capacitance of every node, in farads, if the drawing's chip states none."""
 
 _FIRST = 0.25
-"""First time of a transient divided by `_RATIO`, as a multiple of the time constant R C.
-
-R and C are one resistor and one capacitor of the grid.
-"""
+"""First time of a transient is `_FIRST` times `_RATIO` times R C, where R and C are one resistor and one capacitor."""
 
 _RATIO = 1.4
 """Ratio of two successive times of a transient."""
@@ -41,16 +38,16 @@ _MAX_TIMES = 80
 """Largest number of times at which a transient is computed; the steady state follows as the last picture."""
 
 _STEPS = ((0.3, 24), (0.1, 12), (0.02, 6), (0.0, 3))
-"""Pairs of an error and a number of time steps: the number of coarse steps to the next time, by the smallest error at
-the last time for which this number is used.
+"""Pairs of an error and the number of coarse time steps from one time of the transient to the next.
 
-The error is the largest difference of the natural logarithms of fine and coarse levels.  The steps are of backward
-Euler; fine steps are half as long as coarse steps.
+The first pair counts whose error is at most the error at the last time, which is the largest difference of the natural
+logarithms of levels computed with fine and with coarse steps.  The steps are of backward Euler; fine steps are half as
+long as coarse steps.
 """
 
 _VISIBLE = 0.004
-"""Largest difference of a picture from the steady-state picture, as a fraction of the range of pixel values, at which
-the circuit counts as settled.
+"""Largest difference of a pixel from the steady-state picture, as a fraction of the range of pixel values, at which the
+circuit counts as settled.
 """
 
 
@@ -161,11 +158,11 @@ def _unit(op: OperatingPoint, is_drop: bool) -> float:
 
 
 def _in_levels(netlist: Netlist, unit: float, goal: float, farads: float, is_drop: bool) -> Netlist:
-    """Return the circuit scaled to potentials, or to drops if `is_drop`, with a capacitor at every free cell.
+    """Return the circuit whose voltages are potentials, or drops if `is_drop`, with a capacitor at every free cell.
 
-    `unit`: voltage of a potential or drop of 1, in volts; `goal`: voltage of the goal rail, in volts; `farads`:
-    capacitance of every node.  Backward Euler keeps the relative accuracy of drops and potentials over many orders of
-    magnitude, because they are not negative.
+    `netlist`: circuit in volts; `unit`: voltage of a potential or drop of 1, in volts; `goal`: voltage of the goal
+    rail, in volts; `farads`: capacitance of every free node.  Backward Euler keeps the relative accuracy of drops and
+    potentials over many orders of magnitude, because they are not negative.
     """
     nodes = netlist.cells.free_node
     pairs = np.stack([nodes, np.full_like(nodes, GROUND)], axis=1)
@@ -199,8 +196,8 @@ def _levels(netlist: Netlist, start: NDArray[np.float64], unit: float) -> Iterat
     """Yield the potentials or drops (nodes,) of all nodes at geometrically spaced times.
 
     The values are extrapolated from coarse and fine steps of backward Euler.  The geometric extrapolation ``fine**2 /
-    coarse`` has second order and keeps all values positive.  `netlist`: circuit scaled to potentials or drops; `start`
-    (nodes,): values at time 0; `unit`: time constant R C, in seconds.
+    coarse`` has second order and keeps all values positive.  `netlist`: circuit whose node voltages are potentials or
+    drops; `start` (nodes,): values at time 0, which are not yielded; `unit`: time constant R C, in seconds.
     """
     times = unit * _FIRST * np.array([0.0, *_RATIO ** np.arange(1, _MAX_TIMES + 1)])
     coarse = fine = start
@@ -220,7 +217,7 @@ def _levels(netlist: Netlist, start: NDArray[np.float64], unit: float) -> Iterat
 def _advanced(netlist: Netlist, level: NDArray[np.float64], seconds: float, steps: int) -> NDArray[np.float64]:
     """Return the potentials or drops (nodes,) after `steps` equal steps of backward Euler in total time `seconds`.
 
-    `netlist`: circuit scaled to potentials or drops; `level` (nodes,): values before the steps.
+    `netlist`: circuit whose node voltages are potentials or drops; `level` (nodes,): values before the steps.
     """
     stepper = transient_stepper(netlist, seconds / steps, method="backward_euler")
     level = stepper.start(level)
