@@ -29,10 +29,13 @@ _FARADS = 1e-12
 """Capacitance of every node, in farads, if the drawing's chip states none."""
 
 _FIRST = 0.25
-"""First time of a transient is `_FIRST` times `_RATIO` times R C, where R and C are one resistor and one capacitor."""
+"""Factor of the first time of a transient, which is `_FIRST` times `_RATIO` times R C.
+
+R and C are the nominal resistance between cells and the capacitance of a node.
+"""
 
 _RATIO = 1.4
-"""Ratio of two successive times of a transient."""
+"""Quotient of each time of a transient and the time before."""
 
 _MAX_TIMES = 80
 """Largest number of times at which a transient is computed; the steady state follows as the last picture."""

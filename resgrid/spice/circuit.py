@@ -361,7 +361,10 @@ class Circuit:
 
 
 def some(words: Sequence[str], count: int) -> str:
-    """Return a text such as ``a, b, c, d, e and 7 more``, with at most 5 (`SHOWN`) of `count` words."""
+    """Return the first 5 (`SHOWN`) of `words`, and the number of others, as text: ``a, b, c, d, e and 7 more``.
+
+    `words`: all words, or at least the first 5; `count`: number of all words.
+    """
     more = f" and {count - SHOWN:,} more" if count > SHOWN else ""
     return ", ".join(words[:SHOWN]) + more
 

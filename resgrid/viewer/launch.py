@@ -155,7 +155,7 @@ def _require_voxel_world(space: ConfigurationSpace) -> None:
 
 
 def _task(shown: Scene | Streamline, space: ConfigurationSpace | None) -> ArmPlan | PointPlan:
-    """Return the planner with start, goal and solved space that a view shows; solve the space.
+    """Solve the space that a view shows, and return the space with start and goal.
 
     `shown`: scene, or path of a point or a ball; `space`: space of the scene, None to build it.
     """

@@ -31,10 +31,17 @@ _CLEARANCE_STEP = 0.02
 """Largest motion of any point of the robot between two configurations whose clearance is computed, in metres."""
 
 _ITERATIONS = 40
-"""Largest number of iterations of the inverse kinematics that moves the tool to a dragged handle."""
+"""Largest number of iterations of the inverse kinematics that moves the tool to a dragged handle.
+
+After these, or once all joints change by less than 1e-5, the last configuration is used.
+"""
 
 _DAMPING = 0.05
-"""Damping of the least-squares step of the inverse kinematics, in metres, which limits steps near singularities."""
+"""Damping ``d`` of the step ``J^T (J J^T + d^2 I)^-1 e`` of the inverse kinematics, in metres.
+
+``J`` is the Jacobian of the tool's place, and ``e`` the vector from the tool to the handle.  The damping limits steps
+near singularities.
+"""
 
 _LONGEST = 0.3
 """Largest magnitude of the change of a joint in one iteration of the inverse kinematics, in radians or metres."""

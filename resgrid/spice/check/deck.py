@@ -84,7 +84,8 @@ def check_deck(
     deck : path-like, Circuit, Netlist or OperatingPoint
         A deck's file, or a circuit.
     tolerance : float
-        Largest accepted voltage error relative to the supply (the largest voltage difference in the circuit).
+        Largest accepted voltage error relative to the supply (the largest voltage difference in the circuit), and
+        largest accepted error of a source current relative to the largest source current.
     reference : OperatingPoint, optional
         Expected operating point, in place of the sidecar's voltages: that of the scene for a deck written by resgrid,
         that of the circuit itself for a `Circuit` that was read.  The hash in a sidecar is compared in either case.

@@ -194,10 +194,10 @@ class ReadingRules:
     of each first letter that means a different element than in SPICE; `series_resistance`: whether voltage sources may
     have ``rser=``; `inductor_ohms`: series resistance of an inductor without ``rser=0``, in ohms; `inductor_keys,
     capacitor_keys`: keys of series resistances and parasitics of an inductor and a capacitor; `off_ohms`: resistance of
-    an open switch, in ohms; `holds_initial`: whether ``.ic`` fixes node voltages at the operating point; `instances`:
-    whether elements are instances of a master and names are case-sensitive, as in Spectre; `spice`: rules after
-    ``simulator lang=spice`` in such a deck; `words`: reserved names and expression syntax; `refusals`: text that stops
-    the simulator.
+    an open switch without ``roff``, in ohms; `holds_initial`: whether ``.ic`` fixes voltages at the operating point;
+    `instances`: whether elements are instances of a master and names are case-sensitive, as in Spectre; `spice`: rules
+    after ``simulator lang=spice`` in such a deck, None for other dialects; `words`: reserved names and expression
+    syntax; `refusals`: text that stops the simulator.
     """
 
     name: str

@@ -55,8 +55,8 @@ class Tiles:
     `State` of every tile. The other arrays describe the resistors of the grid, shapes (n,): `cell`: flat index of the
     cell whose tile holds the resistor; `beyond`: index of the neighbouring cell, -1 for the obstacle rail beyond the
     grid's edge; `axis`: axis of the resistor; `upward`: whether it leads from the cell towards larger coordinates;
-    `resistance`: in ohms; `wall`: wall resistance at a contact with an obstacle, in ohms; `series`: total resistance in
-    series with the resistor in this scene, in ohms.
+    `resistance`: of the resistor alone, in ohms; `wall`: wall resistance at a contact with an obstacle, in ohms, 0
+    without walls; `series`: resistance of wall and switch in series with the resistor in this scene, in ohms.
     """
 
     netlist: Netlist
