@@ -37,7 +37,11 @@ class _File(Protocol):
         """Add a topic of a message type, and return the connection for its messages."""
 
     def write(self, connection: Any, timestamp: int, data: Any) -> None:
-        """Write an encoded message on a topic; `timestamp`: time of arrival in nanoseconds."""
+        """Write an encoded message on a topic.
+
+        `connection`: result of `add_connection` for the topic; `timestamp`: time of arrival in nanoseconds; `data`: the
+        encoded message.
+        """
 
 
 class BagWriter:
@@ -229,7 +233,7 @@ def _exchange(new: Path, target: Path, old: Path) -> None:
 
 
 def _open(path: Path, storage: Storage) -> Any:
-    """Return the rosbags writer of a new file or folder; `storage`: kind of recording, "bag", "mcap" or "sqlite3"."""
+    """Return the rosbags writer of a new recording at `path`; `storage`: its kind, "bag", "mcap" or "sqlite3"."""
     from rosbags.rosbag1 import Writer as Writer1
     from rosbags.rosbag2 import StoragePlugin, Writer as Writer2
 

@@ -76,7 +76,7 @@ class ArmModel:
 
 
 def add_surroundings(server: viser.ViserServer, scene: Scene, robot: URDFRobot) -> None:
-    """Add obstacles, hidden obstacles, goal regions and a grid on the floor to a scene of viser."""
+    """Add the obstacles, hidden obstacles and goal regions of `scene`, and a grid on the floor, to a scene of viser."""
     reach, base = robot.reach, robot.tree.placement[0, :3, 3]
     low, high = (tuple((base + sign * _BEYOND * reach).tolist()) for sign in (-1.0, 1.0))
     kinds: tuple[tuple[Sequence[Shape], str, Colour, float | None], ...] = (
@@ -109,7 +109,7 @@ def _add_mesh(server: viser.ViserServer, name: str, surface: Surface, colour: Co
 
 
 def add_ghosts(server: viser.ViserServer, robot: URDFRobot) -> tuple[ArmModel, ArmModel]:
-    """Return pale models of an arm at the start and at the goal, added to a scene of viser."""
+    """Add translucent models of an arm, for its start and its goal, to a scene of viser, and return them."""
     return ArmModel(server, robot, "start", START, _GHOST), ArmModel(server, robot, "end", END, _GHOST)
 
 

@@ -112,7 +112,7 @@ def _only_operating_point(data: bytes) -> bytes:
 
 
 def _without_analyses(rows: Iterable[bytes]) -> Iterator[bytes]:
-    """Yield the lines of a deck, with the comment ``*`` in place of each line of an analysis or output."""
+    """Yield the lines `rows` of a deck, with the comment ``*`` in place of each line of an analysis or output."""
     dropping = False
     for row in rows:
         word = row.lstrip()

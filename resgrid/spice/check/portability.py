@@ -260,9 +260,9 @@ def _failing_loops(quirks: Quirks, case: _Case) -> list[int]:
 
 
 def _uncertainties(quirks: Quirks, case: _Case, resistance: NDArray[np.float64]) -> tuple[str, ...]:
-    """Return the reasons, as sentences, why a simulator's result is uncertain; empty if it is certain.
+    """Return the reasons, as sentences, for which a simulator's result is uncertain; empty if the result is certain.
 
-    `resistance` (m,): resistances that the simulator uses, in ohms.
+    `quirks`: the simulator's behaviour; `case`: the deck; `resistance` (m,): that the simulator uses, in ohms.
     """
     uncertainties = _uncertain_spread(np.abs(case.deck.resistance)) or _cancellation(case.deck, np.abs(resistance))
     continues = quirks.loops == "fail at ground"
@@ -378,7 +378,7 @@ def _option(deck: Circuit, name: str) -> float:
 
 
 def _simulated(deck: Circuit, lost: list[str], resistance: NDArray[np.float64], siemens: float) -> Netlist:
-    """Return the netlist that a simulator solves.
+    """Return the netlist that a simulator solves in place of the circuit `deck`.
 
     `lost`: names of the elements that the simulator omits; `resistance` (m,): resistances that it uses, in ohms;
     `siemens`: conductance that it adds from every node to ground, in siemens.

@@ -46,7 +46,7 @@ class Flow(NamedTuple):
 
 
 def solve_measurement(measured: Measurement) -> Flow | None:
-    """Return the solution of a circuit of a job; None if no source is connected to a ground, or all currents are 0."""
+    """Return the solution of one circuit of a job; None if no source with a current is connected to a ground."""
     netlist = measured.netlist
     part = label_components(netlist.resistor_nodes, netlist.node_count)
     grounds = [node for node in measured.ground if node >= 0]
@@ -80,9 +80,10 @@ def solve_measurement(measured: Measurement) -> Flow | None:
 
 
 def _from_one_source(netlist: Netlist, source: int, amps: float, grounds: list[int]) -> Flow:
-    """Return the solution with one source and some nodes at 0 V.
+    """Return the solution of a circuit with one source and some nodes at 0 V.
 
-    `source`: node of the source; `amps`: its current in A; `grounds`: nodes at 0 V.
+    `netlist`: circuit without sources; `source`: node of the source; `amps`: current of the source, in A; `grounds`:
+    nodes at 0 V.
     """
     group = np.arange(netlist.node_count)
     group[grounds] = grounds[0]

@@ -55,7 +55,7 @@ def misplaced_comma(card: Card, pairs: list[Setting]) -> int | None:
 
 
 def _begins_definition(tokens: list[Token], i: int) -> bool:
-    """Return whether token `i` is a name before ``=``, and not an operand of ``==``, ``<=``, ``>=`` or ``!=``."""
+    """Return whether ``tokens[i]`` is a name before ``=``, and not an operand of ``==``, ``<=``, ``>=`` or ``!=``."""
     if (
         tokens[i].kind != "word"
         or tokens[i].text[-1] in "<>!"

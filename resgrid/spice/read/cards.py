@@ -281,7 +281,7 @@ def _unquoted_settings(card: Card, tokens: list[Token]) -> list[Setting]:
 
 
 def _begins_pair(tokens: list[Token], i: int) -> bool:
-    """Return whether token `i` is a key, which means that the next token is ``=``."""
+    """Return whether ``tokens[i]`` is a key, which means that the next token is ``=``."""
     return i + 1 < len(tokens) and tokens[i + 1].is_mark("=")
 
 

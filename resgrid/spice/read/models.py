@@ -114,9 +114,9 @@ def _from_model(values: dict[str, float], length: float | None, width: float | N
 def modelled_switch(model: Model, scope: Scope, state: float, card: Card) -> tuple[float, float, float, float, float]:
     """Return on and off resistance in ohms, upper and lower threshold in volts, and the state between thresholds.
 
-    The thresholds are control voltages.  `card`: card of the switch; `scope`: scope of the switch; `state`: state
-    between the thresholds that the card states, 1 for on and 0 for off.  The returned state is NaN if the switch is
-    neither on nor off between the thresholds.
+    The thresholds are control voltages.  `model`: model of the switch; `card, scope`: its card and scope; `state`:
+    state between the thresholds that the card states, 1 for on and 0 for off.  The returned state is NaN if the switch
+    is neither on nor off between the thresholds.
     """
     values = model_values(model, scope, _SWITCH_KEYS)
     on, off = values.get("ron", 1.0), values.get("roff", card.rules.off_ohms)

@@ -30,8 +30,8 @@ class Numeral(NamedTuple):
 def parse_numeral(text: str, rules: ReadingRules, *, computed: bool = False) -> Numeral | str | None:
     """Return the value of a numeral with suffix and unit; an error message if it is ambiguous; None for other text.
 
-    `rules`: reading rules of the dialect; `computed`: whether the numeral stands in an expression, where the suffix
-    ``mil`` is an error in dialects that then read milli.
+    `rules`: reading rules of the dialect; `computed`: whether the numeral stands in an expression, where some dialects
+    read the suffix ``mil`` as milli, so that it is ambiguous.
 
     Examples
     --------

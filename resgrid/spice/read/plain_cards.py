@@ -159,7 +159,7 @@ class PlainCards:
         return value
 
     def _note_properties(self, first: int, texts: list[bytes | None]) -> None:
-        """Mark empty lines and comments as `_EMPTY`; record the properties (bits) of other lines without a plain card.
+        """Mark empty lines and comments as `_EMPTY`; record the bits `_COMMAND` and so on of other lines without card.
 
         `first`: index of the first of some consecutive lines; `texts`: text of each of these lines, None for a plain
         card.
