@@ -73,7 +73,8 @@ def write_solution(
 def check_solution_file(file: str | os.PathLike[str], *, of_space: bool) -> None:
     """Raise InputError if a solution cannot be written to a file of this name.
 
-    `of_space`: whether the circuit was compiled from a space.
+    `of_space`: whether the circuit was compiled from a space, whose solution needs ``.npz``; for other circuits
+    ``.csv``, ``.json`` and ``.raw`` are possible, too.
     """
     suffix_of(file, ("arrays",) if of_space else ("table", "record", "arrays", "waveforms"), "a solution")
 
@@ -108,7 +109,7 @@ def solution_record(op: OperatingPoint, worst: int = 10) -> dict[str, Any]:
 def _supplies(op: OperatingPoint, count: int) -> list[dict[str, Any]]:
     """Return the `count` voltage sources with the largest currents, as dictionaries of ``name``, ``volts``, ``amps``.
 
-    Sources whose current is undetermined (NaN) come first.
+    The order is by descending magnitude of the current; undetermined currents (NaN) come first.
     """
     amps = np.nan_to_num(np.abs(op.source_current), nan=np.inf)
     names = _names(op.netlist, "voltage source", "v", len(amps))

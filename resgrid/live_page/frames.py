@@ -226,9 +226,9 @@ def probe(frame: SolvedDrawing, cell: Sequence[int]) -> dict[str, Any]:
     without a node; `volts`: the same potential in volts; `drop_decades`: log10 of the drop, None without an obstacle
     rail; `amperes`: currents through the lower and the upper face across the first axis, then across the second,
     positive along the axis, or, for other lattices than "square", `steps`: lists of an arrow, the current along a step
-    to a neighbour, positive outwards, and whether paths take this step; `bits`: converter bits that resolve the voltage
-    step to the lowest neighbour, or None; `exact`: whether the solution is direction-safe; `proved`: sentences on
-    proved properties.
+    to a neighbour, positive outwards, and whether paths take this step; `bits`: bits of an analogue-to-digital
+    converter that resolve the voltage step to the neighbour with the lowest potential, None if unknown; `exact`:
+    whether the solution is direction-safe; `proved`: sentences on proved properties.
 
     `frame`: the solved drawing; `cell`: index along each axis.  Raises InputError for a cell outside the grid.
     """
@@ -290,10 +290,11 @@ def _proved(frame: SolvedDrawing, index: tuple[int, int]) -> list[str]:
 
 
 def _bits(frame: SolvedDrawing, index: tuple[int, ...]) -> float | None:
-    """Return the bits of an analogue-to-digital converter that resolve the voltage step to a cell's lowest neighbour.
+    """Return the bits of an analogue-to-digital converter that resolve the voltage step from a cell to a neighbour.
 
-    The result is None for cells that are not free, for blends of two circuits, for previews without an operating point,
-    and for lattices other than "square".  `index`: index of the cell along each axis.
+    The neighbour is the one with the lowest potential.  The result is None for cells that are not free, for blends of
+    two circuits, for previews without an operating point, and for lattices other than "square".  `index`: index of the
+    cell along each axis.
     """
     from resgrid.chip.adc_resolution import analyse_adc_resolution
 

@@ -151,8 +151,8 @@ def _transient(
 def _unit(op: OperatingPoint, is_drop: bool) -> float:
     """Return the voltage, in volts, that the page shows as a potential of 1, or as a drop of 1 if `is_drop`.
 
-    `op`: operating point.  A drop of 1 is the supply, with its sign; a potential of 1 is the largest voltage between a
-    free node and the goal rail.
+    `op`: operating point.  A drop of 1 is the supply, with its sign; a potential of 1 is the largest magnitude of the
+    voltage between a free node and the goal rail.
     """
     wiring, free = op.netlist.cells.wiring, op.netlist.cells.free_node
     if is_drop:

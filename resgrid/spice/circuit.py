@@ -300,7 +300,7 @@ class Circuit:
 
     @property
     def heating(self) -> float:
-        """Temperature minus nominal temperature, in kelvin; a temperature not in the deck is the dialect's default."""
+        """Temperature minus nominal temperature, in kelvin, each by default the dialect's nominal temperature."""
         usual = DIALECTS[self.dialect].nominal_temperature if self.dialect in DIALECTS else _NOMINAL_TEMPERATURE
         nominal = usual if self.nominal_temperature is None else self.nominal_temperature
         return (usual if self.temperature is None else self.temperature) - nominal

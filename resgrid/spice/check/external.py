@@ -43,7 +43,7 @@ class Runnable:
 
     `data`: content of the deck, with the operating point as its only analysis; `why`: empty if `data` is the original
     deck, otherwise the reason why `data` is a flat deck written from the circuit; `files`: content of the included
-    files by their paths relative to the working folder; `place`: relative path of the deck.
+    files by their paths relative to the simulator's working folder; `place`: path of the deck relative to this folder.
     """
 
     data: bytes

@@ -177,7 +177,7 @@ def run_circuitscape(
 def _run_raster(
     job: Configuration, output: str | os.PathLike[str] | None, executor: Executor | None, progress: Count | None
 ) -> ConnectivityResult:
-    """Return the result of a raster job.
+    """Run a raster job, write its output files, and return its result.
 
     `job`: the configuration; `output`: folder of the files, None for that of the configuration; `executor`: workers
     that share the solutions, or None; `progress`: called as ``progress(done, total)`` after every solution, or None.
@@ -363,7 +363,7 @@ def _all_to_one(amps: NDArray[np.float64], land: Landscape, item: tuple[int, ...
 def _run_network(
     job: Configuration, output: str | os.PathLike[str] | None, executor: Executor | None, progress: Count | None
 ) -> ConnectivityResult:
-    """Return the result of a pairwise network job.
+    """Run a pairwise network job, write its output files, and return its result.
 
     `job`: the configuration; `output`: folder of the files, None for that of the configuration; `executor`: workers
     that share the solutions, or None; `progress`: called as ``progress(done, total)`` after every solution, or None.

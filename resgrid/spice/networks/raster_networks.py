@@ -95,8 +95,9 @@ def links_between(
 
     `conductance` (rows, columns): of the cells, in S; `node` (rows, columns): node numbers, -1 for none;
     `mean_resistance`: whether the mean of the resistances is used instead of the mean of the conductances; `diagonals`:
-    whether diagonal neighbours are joined.  An empty cell of a polygon has 0 S; it is joined to a conducting neighbour
-    with the mean of the conductances, but not with the mean of the resistances, which would be infinite.
+    whether diagonal neighbours are joined, by resistances that are larger by the factor sqrt(2).  An empty cell of a
+    polygon has 0 S; it is joined to a conducting neighbour with the mean of the conductances, but not with the mean of
+    the resistances, which would be infinite.
     """
     steps: list[tuple[Any, Any, float]] = [(np.s_[:, :-1], np.s_[:, 1:], 1.0), (np.s_[:-1], np.s_[1:], 1.0)]
     if diagonals:

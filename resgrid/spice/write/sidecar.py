@@ -138,8 +138,8 @@ class Sidecar(BaseModel):
     `path`: path of the sidecar; `intact`: whether the file is unaltered according to its own hash; `schema_`: version
     of the format; `sha256`: hash of the deck, hexadecimal; `dialect`: name of the deck's dialect; `blocks`: hashes of
     the deck's groups of lines; `nodes, sources, supply, current_scale, kcl_residual`: expected results, which
-    `expected` returns as one object; `files`: hashes of the files that the deck includes, empty for a flat deck;
-    `companions`: hashes of the files that include the deck.
+    `expected` returns as one object; `files`: hashes of the files that the deck includes, by file name, empty for a
+    flat deck; `companions`: hashes of the files that include the deck, by file name.
     """
 
     model_config = ConfigDict(strict=True, frozen=True)

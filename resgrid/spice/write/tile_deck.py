@@ -93,7 +93,7 @@ def _pattern_lines(tiles: Tiles, flat: FlatDeck, labels: Sequence[str]) -> Itera
 def _chip_lines(tiles: Tiles, rules: Dialect, labels: Sequence[str], spread: float) -> Iterator[str]:
     """Yield the lines of the chip file: subcircuits of tiles (cells), instances, and the resistors at the grid's edge.
 
-    `rules`: dialect of the deck; `labels` (cells,): coordinates of each cell as text in names, such as ``0_1``;
+    `rules`: dialect of the deck; `labels` (cells,): indices of each cell as text in names, such as ``0_1``;
     `spread`: relative standard deviation of the resistances, 0 for fixed values.
     """
     dimensions, links = len(tiles.shape), tiles.links
@@ -245,7 +245,7 @@ def _instances(
     """Yield one instance line per cell; a parameter whose value is the default of the subcircuit is left out.
 
     `rules`: dialect of the deck; `link` (cells, axes): index of the cell's resistor along each axis, -1 for none;
-    `masters` (cells,): names of the subcircuits; `labels` (cells,): coordinates of each cell as text in names, such as
+    `masters` (cells,): names of the subcircuits; `labels` (cells,): indices of each cell as text in names, such as
     ``0_1``.
     """
     usual = [
@@ -275,7 +275,7 @@ def _instances(
 def _edge_names(tiles: Tiles, labels: Sequence[str]) -> list[str]:
     """Return the names of the resistors at the grid's edge, such as ``r_edge_0_1_0_upper`` (cell, axis, side).
 
-    `labels` (cells,): coordinates of each cell as text in names, such as ``0_1``.
+    `labels` (cells,): indices of each cell as text in names, such as ``0_1``.
     """
     columns = (column[tiles.edges].tolist() for column in (tiles.cell, tiles.axis, tiles.upward))
     return [
@@ -288,7 +288,7 @@ def _edge_values(rules: Dialect, tiles: Tiles, labels: Sequence[str]) -> list[st
     """Return the resistances between edge cells and the obstacle rail as text, in ohms, one per resistor.
 
     With a wall boundary the texts are expressions of the cell's state instead of numbers.  `labels` (cells,):
-    coordinates of each cell as text in names, such as ``0_1``.
+    indices of each cell as text in names, such as ``0_1``.
     """
     ohms = plain(tiles.resistance[tiles.edges])
     if not tiles.wiring.wall_resistance:
@@ -303,7 +303,7 @@ def _edge_values(rules: Dialect, tiles: Tiles, labels: Sequence[str]) -> list[st
 def _simulated_resistors(tiles: Tiles, labels: Sequence[str]) -> tuple[list[str], NDArray[np.float64]]:
     """Return ngspice's names of all resistors after the expansion of subcircuits, and their resistances (n,) in ohms.
 
-    `labels` (cells,): coordinates of each cell as text in names, such as ``0_1``.
+    `labels` (cells,): indices of each cell as text in names, such as ``0_1``.
     """
     links, edges = tiles.links, tiles.edges
     places = [
