@@ -31,13 +31,17 @@ if TYPE_CHECKING:
 
 
 class _File(Protocol):
-    """Interface of the open writers of rosbags that is used here."""
+    """The methods of rosbags' writers of ROS 1 and ROS 2 that this module calls on an open recording."""
 
     def add_connection(self, topic: str, msgtype: str, **options: Any) -> Any:
         """Add a topic of a message type, and return the connection for its messages."""
 
     def write(self, connection: Any, timestamp: int, data: Any) -> None:
-        """Write an encoded message on a topic; `timestamp`: time of arrival in nanoseconds."""
+        """Write an encoded message on a topic.
+
+        `connection`: result of `add_connection` for the topic; `timestamp`: time of arrival in nanoseconds; `data`: the
+        encoded message.
+        """
 
 
 class BagWriter:
@@ -52,7 +56,7 @@ class BagWriter:
 
     @property
     def store(self) -> Typestore:
-        """Message types that the recording can hold."""
+        """Store of rosbags with the definitions of all message types of the ROS version, standard ones included."""
         return self._store
 
     def add(self, topic: str, kind: str, *, is_latched: bool = False) -> None:
@@ -68,7 +72,7 @@ class BagWriter:
         self._connections[topic] = self._file.add_connection(topic, kind, **options), kind
 
     def write(self, topic: str, received: int, message: Any) -> None:
-        """Write a message on a topic that was added; `received`: time of arrival in nanoseconds."""
+        """Write a message on a topic that was added with `add`; `received`: time of arrival in nanoseconds."""
         connection, kind = self._connections[topic]
         encode = self._store.serialize_ros1 if self._ros == 1 else self._store.serialize_cdr
         self._file.write(connection, received, encode(message, kind))
@@ -115,9 +119,9 @@ class BagWriter:
         return self.new(PATH, header=header, poses=poses)
 
     def transform(self, snapshot: MapSnapshot, child: str) -> Any:
-        """Return a ``tf2_msgs/TFMessage`` with the pose of the robot in a snapshot.
+        """Return a ``tf2_msgs/TFMessage`` with the pose of the robot in a snapshot, whose `start` is not None.
 
-        `child`: name of the robot's frame.
+        `child`: name of the robot's coordinate frame, such as ``base_link``.
         """
         assert snapshot.start is not None
         x, y, yaw = snapshot.start
@@ -150,11 +154,11 @@ def _latched_profile() -> Any:
 
 
 def _output_storage(file: str | os.PathLike[str], source: Storage | None = None) -> tuple[Storage, bool]:
-    """Return the kind of a new recording, and whether it is a folder.
+    """Return the kind of a new recording ("bag", "mcap" or "sqlite3"), and whether it is a folder.
 
-    `file`: name of the recording. ``.bag`` is a file of ROS 1, ``.mcap`` and ``.db3`` are single files of ROS 2, other
-    names are folders of ROS 2; these have the kind of `source`, the recording from which the new one is made, or else
-    sqlite3.
+    ``.bag`` is a file of ROS 1, ``.mcap`` and ``.db3`` are single files of ROS 2, other names are folders of ROS 2. A
+    folder has the kind "mcap" if `source` is "mcap", else "sqlite3". `file`: name of the recording; `source`: kind of
+    the recording from which the new one is made, None without one.
     """
     suffix = Path(file).suffix
     if suffix in STORAGES:
@@ -165,8 +169,9 @@ def _output_storage(file: str | os.PathLike[str], source: Storage | None = None)
 def check_bag_output(file: str | os.PathLike[str], source: Storage | None = None) -> Path:
     """Return the path of a new recording; raise InputError if it cannot be written or would replace other data.
 
-    An existing recording of the same form, a file or a folder with a ``metadata.yaml``, may be replaced. `source`: kind
-    of the recording from which the new one is made, None without one; from ROS 2, no ``.bag`` file can be made.
+    An existing recording may be replaced: a file by a file, and a folder that is empty or has a ``metadata.yaml`` by a
+    folder. `source`: kind of the recording from which the new one is made, None without one; from ROS 2, no ``.bag``
+    file can be made.
     """
     if os.fspath(file) == "-":
         raise InputError("-o -: a recording cannot be written to standard output; name a file or a folder")
@@ -191,7 +196,8 @@ def check_bag_output(file: str | os.PathLike[str], source: Storage | None = None
 def whole_bag(file: str | os.PathLike[str], source: Storage | None = None) -> Iterator[BagWriter]:
     """Yield the writer of a new recording, which replaces `file` if the block succeeds; otherwise nothing is changed.
 
-    `source`: kind of the recording from which the new one is made, which a folder inherits; None for sqlite3.
+    `source`: kind of the recording from which the new one is made, None without one; a folder of ROS 2 gets this kind,
+    or sqlite3.
     """
     target = check_bag_output(file, source).resolve()
     require_rosbags()
@@ -227,7 +233,7 @@ def _exchange(new: Path, target: Path, old: Path) -> None:
 
 
 def _open(path: Path, storage: Storage) -> Any:
-    """Return the rosbags writer of a new file or folder; `storage`: kind of recording."""
+    """Return the rosbags writer of a new recording at `path`; `storage`: its kind, "bag", "mcap" or "sqlite3"."""
     from rosbags.rosbag1 import Writer as Writer1
     from rosbags.rosbag2 import StoragePlugin, Writer as Writer2
 

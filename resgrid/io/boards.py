@@ -12,10 +12,10 @@ from resgrid.io.tables import json_text
 
 
 def save_board(board: Board, file: str | os.PathLike[str]) -> Path:
-    """Write the KiCad project, lists, record and README of a board into a folder, and return the folder.
+    """Write the KiCad project of a board, its bill of materials, voltages, record and README into a folder; return it.
 
-    `file`: name of the folder, which is created. Files that need kicad-cli, and the picture of the jumper plan, are
-    written only by the subcommand ``resgrid board``.
+    `file`: name of the folder, which is created. Files that need the program kicad-cli, and the picture of the jumper
+    plan, are written only by the subcommand ``resgrid board``.
     """
     with whole_folder(Path(file)) as work:
         names = write_board(board, work)

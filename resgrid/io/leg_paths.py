@@ -34,9 +34,9 @@ def write_leg_paths(
 ) -> Path:
     """Write several paths of several legs to one file, and return the file.
 
-    `file`: ``.csv``, ``.json``, ``.npz``, or ``.yaml`` for one ``nav_msgs/Path`` message per path; `headings`: heading
-    of the last pose of each message in radians, for a robot without a heading of its own; None for the direction of
-    motion.
+    `file`: ``.csv``, ``.json``, ``.npz``, or ``.yaml`` for one ``nav_msgs/Path`` message per path; `headings`: for each
+    path the heading of the last pose of its message in radians, for a robot without a heading of its own; None, for a
+    path or for all, means the direction of motion.
     """
     wanted = [None] * len(paths) if headings is None else list(headings)
     views: Views = {
@@ -49,7 +49,13 @@ def write_leg_paths(
 
 
 def leg_record(path: LegPath) -> dict[str, Any]:
-    """Return outcome, lengths, legs and points of a path of several legs as a dictionary for JSON."""
+    """Return outcome, lengths, legs and points of a path of several legs as a dictionary for JSON.
+
+    Keys: ``outcome``, ``start``, ``length`` in axis units, ``certified``; ``approximate`` and ``distance`` (whether the
+    path ends at the nearest reachable place, and its distance from the goal, else null); ``legs`` with the kind,
+    certificate, length, clearance and end of each leg; ``points`` and ``leg_of_points`` (index of the leg of each
+    point); and ``message`` without a goal.
+    """
     record: dict[str, Any] = {
         "outcome": str(path.outcome),
         "start": list(path.start),
@@ -107,8 +113,9 @@ def _arrays(paths: Sequence[LegPath]) -> dict[str, Any]:
 def _messages(paths: Sequence[LegPath], headings: Sequence[float | None]) -> str:
     """Return YAML text with one ``nav_msgs/Path`` per path that reaches a goal or ends at the nearest reachable place.
 
-    A comment before each message contains the outcome and the legs that are not certified. `headings`: heading of each
-    last pose in radians, None for the direction of motion.
+    Other paths are left out; InputError is raised if no path remains. A comment before each message contains the
+    outcome and the legs that are not certified. `headings`: for each path the heading of the last pose in radians, None
+    for the direction of motion.
     """
     texts = []
     for path, heading in zip(paths, headings, strict=True):

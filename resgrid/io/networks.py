@@ -19,7 +19,7 @@ from resgrid.spice.networks.graph_files import graphml, netlist_arrays, node_lin
 
 _VIEWS = {"edges": edges_text, "graph": graphml, "record": node_link, "arrays": netlist_arrays}
 NETWORK_SUFFIXES = tuple(suffix for suffix, form in FORMATS.items() if form.view in _VIEWS)
-"""Suffixes of the file formats for netlists, SPICE decks excepted."""
+"""Suffixes of the files to which `write_network` can write a netlist, such as ``.graphml``; not those of decks."""
 
 
 def write_network(netlist: Netlist, file: str | os.PathLike[str]) -> Path:

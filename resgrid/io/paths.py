@@ -32,7 +32,10 @@ from resgrid.planning.workspace import Collision
 _VIEWS = ("table", "record", "arrays", "message")
 """Names of the contents of a path, which determine its file formats: CSV, JSON, NPZ and ROS message."""
 _FIXED_NAMES = {".csv": ["path", "k", "outcome"], ".json": ["schema", "k", "outcome"], ".npz": ["k", "outcome"]}
-"""Names of columns, keys or arrays in a file of one path, by suffix, in addition to those of `column_names`."""
+"""Names of the columns (CSV), keys (JSON) or arrays (NPZ) in a file of one path that an axis may not have, by suffix.
+
+The names of the other columns, which depend on the axes, are those of `column_names`.
+"""
 
 
 def write_path(path: Timed, file: str | os.PathLike[str], *, fixed_joints: bool = False) -> Path:
@@ -50,7 +53,7 @@ def write_path(path: Timed, file: str | os.PathLike[str], *, fixed_joints: bool 
         array per column; ``.yaml``: a ``nav_msgs/Path`` message for ROS, or, of a trajectory of a robot from a URDF
         file, a ``trajectory_msgs/JointTrajectory``.
     fixed_joints : bool
-        Whether a JointTrajectory also has the joints that do not move (see `resgrid.maps.to_ros_trajectory`).
+        Whether a JointTrajectory also has the joints that do not move and whose values the robot's `at` states.
 
     Returns
     -------
@@ -227,7 +230,7 @@ def write_routes(routes: Sequence[Route], target: str | os.PathLike[str], *, fix
     `target`: name of the file, whose suffix selects the format: one table, one record or one set of arrays for all
     routes, or one message for ROS per route.  With several routes, a comment before each message gives start, k and
     outcome; a route that reaches no goal has only the comment.  Raises InputError for messages if no route reaches a
-    goal.  `fixed_joints`: whether messages also have the joints that do not move.
+    goal.  `fixed_joints`: whether messages also have the joints that do not move and that the robot's `at` names.
     """
     views: Views = {
         "table": lambda: _routes_table(routes),
@@ -241,7 +244,8 @@ def write_routes(routes: Sequence[Route], target: str | os.PathLike[str], *, fix
 def _require_joints_file(suffix: str, space: ConfigurationSpace, option: str) -> None:
     """Raise InputError unless paths of a robot from a URDF file are written to a file for ROS (``.yaml``).
 
-    `suffix`: suffix of the file; `space`: space of the paths; `option`: option that needs such a file.
+    `suffix`: suffix of the file; `space`: space of the paths; `option`: option of the command line that needs such a
+    file, for the message.
     """
     if suffix != ".yaml" or not has_joints(space):
         raise InputError(f"{option} applies to .yaml files of robots from URDF files only; leave it out")
@@ -283,10 +287,11 @@ def _check_names(space: ConfigurationSpace, suffix: str, fixed: dict[str, list[s
 def route_record(route: Route, *, points: bool = True) -> dict[str, Any]:
     """Return the results of a route as a dictionary for JSON.
 
-    Keys: ``outcome``, ``goal`` (index of the region, or None), ``log_duration``, ``start``, ``k``, ``certified``;
-    ``length``, ``clearance``, ``points`` (continuous world coordinates) of the written path; ``cells``; where they
-    apply, ``message``, ``duration`` in seconds, and ``streamline`` and ``short`` with length and clearance of the
-    original and the shortened path.  `points`: whether to include points and cells.
+    Keys: ``outcome``, ``goal`` (index of the region, or None), ``log_duration`` (of the `Streamline`), ``start``,
+    ``k``, ``certified``; ``length``, ``clearance`` in axis units, ``points`` (continuous world coordinates) of the
+    written path; ``cells`` (indices of the cells that the streamline crosses); where they apply, ``message``,
+    ``duration`` in seconds, and ``streamline`` and ``short`` with length and clearance of the original and the
+    shortened path.  `points`: whether to include points and cells.
     """
     path = route.streamline
     record: dict[str, Any] = {
@@ -316,7 +321,11 @@ def route_record(route: Route, *, points: bool = True) -> dict[str, Any]:
 
 
 def _workspace_record(route: Route) -> dict[str, Any]:
-    """Return the clearance of an arm in metres, and the first collision, as a dictionary for JSON; empty if unknown."""
+    """Return ``workspace_clearance`` in metres and ``collision`` as a dictionary for JSON, without unknown entries.
+
+    The collision is None or a dictionary of ``configuration`` and ``bodies`` (names); a route that was not tested has
+    no such key.
+    """
     record: dict[str, Any] = {}
     if route.workspace_clearance is not None:
         record["workspace_clearance"] = route.workspace_clearance
@@ -327,9 +336,10 @@ def _workspace_record(route: Route) -> dict[str, Any]:
 
 
 def _routes_table(routes: Sequence[Route]) -> dict[str, list[Any]]:
-    """Return the columns of a table of all routes, one row per point; entries are NaN in columns that a route lacks.
+    """Return the columns of a table of all routes by name, with one row per point of a route.
 
-    The first columns are ``path`` (index of the route), ``k`` and ``outcome``.
+    The first columns are ``path`` (index of the route), ``k`` and ``outcome``.  A route without a column that others
+    have, such as a time, has NaN there.
     """
     names = max((list(route.columns) for route in routes), key=len, default=[])
     table: dict[str, list[Any]] = {name: [] for name in (*_FIXED_NAMES[".csv"], *names)}
@@ -371,7 +381,7 @@ def _documents(routes: Sequence[Route], *, fixed_joints: bool) -> str:
     """Return YAML text with one message per route that reaches a goal, and a comment on each start and outcome.
 
     A single route has no comment.  Raises InputError if no route reaches a goal.  `fixed_joints`: whether messages also
-    have the joints that do not move.
+    have the joints that do not move and that the robot's `at` names.
     """
     if len(routes) == 1:
         return message_of(routes[0].path, heading=routes[0].heading, fixed_joints=fixed_joints)

@@ -47,12 +47,15 @@ def write_resistances(value: EffectiveResistance, file: str | os.PathLike[str]) 
 
 
 def check_resistance_file(file: str | os.PathLike[str]) -> None:
-    """Raise InputError if effective resistances cannot be written to a file of this name."""
+    """Raise InputError unless a file of this name can hold effective resistances: ``.csv``, ``.json``, ``.npz``."""
     suffix_of(file, ("table", "record", "arrays"), _KIND)
 
 
 def terminal_names(value: EffectiveResistance) -> list[str]:
-    """Return the name of every terminal: the names of its nodes, separated by blanks, at most four of them."""
+    """Return the name of every terminal: its nodes' names, separated by blanks, as in ``a b c d and 3 more``.
+
+    At most four nodes are named.
+    """
     names = []
     for nodes in value.terminals:
         shown = value.netlist.names_of(nodes[:4])
@@ -74,7 +77,7 @@ def resistance_record(value: EffectiveResistance, names: list[str]) -> dict[str,
 
 
 def _views(value: EffectiveResistance, names: list[str]) -> Views:
-    """Return functions that make the contents of a file: ``table`` for CSV, ``record`` for JSON, ``arrays`` for NPZ.
+    """Return functions that return the contents of a file: ``table`` for CSV, ``record`` for JSON, ``arrays`` for NPZ.
 
     `names`: names of the terminals.
     """

@@ -19,7 +19,7 @@ def message_of(path: Timed, *, heading: float | None = None, fixed_joints: bool 
     """Return a path as the text of a message for ROS: a JointTrajectory for robots with named joints, else a Path.
 
     `heading`: heading of the last pose of a Path in radians, None for the direction of motion; `fixed_joints`: whether
-    a JointTrajectory also has the joints that do not move.
+    a JointTrajectory also has the joints that do not move and that the robot's `at` names.
     """
     if has_joints(path.space):
         return to_ros_trajectory(path, fixed_joints=fixed_joints)
@@ -128,7 +128,7 @@ def require_joints(space: ConfigurationSpace, *, timed: bool) -> None:
 
 
 def _is_smooth(motion: Trajectory) -> bool:
-    """Return whether the velocities of a trajectory do not jump: it starts and ends at rest."""
+    """Return whether the velocities of a trajectory do not jump, which is so if and only if it starts at rest."""
     return not motion.velocities[0].any()
 
 

@@ -15,13 +15,16 @@ from resgrid.core.axis import Axis
 from resgrid.io.tables import Views, require_names, suffix_of, write
 
 _STEP = {"": "configuration", "_believed": "believed", "_rate": "velocity", "_torque": "torque", "_push": "push"}
-"""Attributes of `Run` that have one column per axis, by the ending of the column's name after the name of the axis."""
+"""Attributes of `Run` with one column per axis, by the text that follows the name of the axis in the column's name.
+
+The velocity along ``x``, for example, is the column ``x_rate``.
+"""
 
 _CONTACT = ("contact_x", "contact_y", "force_x", "force_y", "part", "body", "sticking")
-"""Names of the columns of the contact with the largest force in a time step.
+"""Names of the columns of the contact with the largest force in a time step, empty in steps without contact.
 
-`part`: index of the robot's part that touches; `body`: index of the touched obstacle; `sticking`: 1 if friction holds
-the contact, else 0.
+`contact_x`, `contact_y`: touched point, in metres; `force_x`, `force_y`: force on the robot; `part`: index of the
+robot's part that touches; `body`: index of the touched obstacle; `sticking`: 1 if friction holds the contact, else 0.
 """
 
 
@@ -70,9 +73,11 @@ def run_record(run: Run) -> dict[str, Any]:
     """Return the totals of a run as a dictionary for JSON.
 
     Keys: ``outcome`` and ``message``: reason of the end; ``goal``: index of the reached region, or None; ``start``,
-    ``end``: configurations; ``k``; ``time`` in seconds; ``steps``; ``modes``: number of steps by control mode;
-    ``cells_learnt``, ``resolves``, ``contacts``: counts; ``parts_touched``: indices of rigid bodies; ``penetration``,
-    ``goal_distance``, ``unsolved``: attributes of `Run`.
+    ``end``: configurations; ``k``: weight of the Dirichlet field; ``time`` in seconds; ``steps``; ``modes``: number of
+    rows by control mode; ``cells_learnt``: number of cells that contacts added as obstacles; ``resolves``: number of
+    solves after such contacts; ``contacts``: number of contacts with a force; ``parts_touched``: indices of the robot's
+    parts; ``penetration``: largest depth in an obstacle, in metres; ``goal_distance``: distance from the nearest goal
+    at the end; ``unsolved``: number of steps in which no contact forces could be computed.
     """
     modes, counts = np.unique(run.mode, return_counts=True)
     return {
@@ -126,7 +131,8 @@ def _table(runs: Sequence[Run]) -> dict[str, list[Any]]:
 def _rows(run: Run) -> list[list[Any]]:
     """Return the rows of one run: time, mode, values per axis, number of contacts, and the strongest contact.
 
-    The strongest contact has the largest force; the entries are None in steps without contact.
+    The strongest contact of a step has the largest force; its entries are those of `_CONTACT`, or None in steps without
+    contact.
     """
     contacts = run.contacts
     size = np.hypot(*contacts.force.T)

@@ -96,7 +96,7 @@ def save(value: object, file: str | os.PathLike[str], **options: Any) -> Path:
 
 @singledispatch
 def _save(value: object, file: str | os.PathLike[str]) -> Path:
-    """Write a sequence of runs, and return the file; raise InputError for a value of a type that cannot be written."""
+    """Write `value` if it is a sequence of runs, and return the file; raise InputError for values of other types."""
     if isinstance(value, Sequence) and value and all(isinstance(one, Run) for one in value):
         return write_run(value, file)
     raise InputError(

@@ -73,7 +73,8 @@ def write_solution(
 def check_solution_file(file: str | os.PathLike[str], *, of_space: bool) -> None:
     """Raise InputError if a solution cannot be written to a file of this name.
 
-    `of_space`: whether the circuit was compiled from a space.
+    `of_space`: whether the circuit was compiled from a space, whose solution needs ``.npz``; for other circuits
+    ``.csv``, ``.json`` and ``.raw`` are possible, too.
     """
     suffix_of(file, ("arrays",) if of_space else ("table", "record", "arrays", "waveforms"), "a solution")
 
@@ -81,10 +82,10 @@ def check_solution_file(file: str | os.PathLike[str], *, of_space: bool) -> None
 def solution_record(op: OperatingPoint, worst: int = 10) -> dict[str, Any]:
     """Return residual, powers, largest drops and largest source currents of a circuit as a dictionary for JSON.
 
-    Keys: ``kcl_residual``; ``power`` (heat), ``power_delivered`` and ``power_imbalance`` in watts; ``floating_nodes``
-    (names); ``worst_drops``: list with ``node``, ``voltage``, ``supply`` and ``drop`` in volts (here the voltage
-    between a node and its supply); ``supplies``: list with ``name``, ``volts`` and ``amps``; ``solver``; ``seconds`` by
-    stage.  `worst`: largest number of entries of both lists.
+    Keys: ``kcl_residual``; ``power`` (heat) and ``power_delivered`` in watts; ``power_imbalance``, a fraction of the
+    sum of all magnitudes; ``floating_nodes`` (names); ``worst_drops``: list with ``node``, ``voltage``, ``supply`` and
+    ``drop`` in volts (here the voltage between a node and its supply); ``supplies``: list with ``name``, ``volts`` and
+    ``amps``; ``solver``; ``seconds`` by stage.  `worst`: largest number of entries of both lists.
     """
     netlist = op.netlist
     drops, balance = ir_drop(op), power_balance(op)
@@ -108,7 +109,7 @@ def solution_record(op: OperatingPoint, worst: int = 10) -> dict[str, Any]:
 def _supplies(op: OperatingPoint, count: int) -> list[dict[str, Any]]:
     """Return the `count` voltage sources with the largest currents, as dictionaries of ``name``, ``volts``, ``amps``.
 
-    Sources whose current is undetermined (NaN) come first.
+    The order is by descending magnitude of the current; undetermined currents (NaN) come first.
     """
     amps = np.nan_to_num(np.abs(op.source_current), nan=np.inf)
     names = _names(op.netlist, "voltage source", "v", len(amps))
@@ -145,7 +146,7 @@ def _field_arrays(op: OperatingPoint) -> dict[str, NDArray[Any]]:
     """Return the arrays of a space's circuit by name: potential, natural logarithm of the drop, and cell codes.
 
     All arrays have the shape of the space.  The logarithm is omitted if the circuit has no high rail.  In cells without
-    a node, the potential and the logarithm are NaN.
+    a node, the potential and the logarithm are NaN.  Raises InputError for a circuit without a potential.
     """
     cell_map = op.netlist.cell_map
     if cell_map is None or op.potential is None:
@@ -165,9 +166,10 @@ def _field_arrays(op: OperatingPoint) -> dict[str, NDArray[Any]]:
 def _lattice_arrays(
     lattice: Lattice, potential: NDArray[np.float64], log_drop: NDArray[np.float64] | None
 ) -> dict[str, NDArray[Any]]:
-    """Return the arrays of a lattice's field by name: those of `potential` and `log_drop` have the lattice's shape.
+    """Return the arrays of a lattice's field by name: ``potential``, ``log_drop`` unless it is None, and two more.
 
-    ``cell``: `Cell` codes of the space; ``points``: world coordinates of the sites.
+    ``cell`` (shape of the space): `Cell` codes; ``points`` (shape of the lattice, then one number per axis): world
+    coordinates of the sites.  `potential`, `log_drop`: values in the shape of the lattice.
     """
     sites = np.moveaxis(np.indices(lattice.shape), 0, -1)
     arrays = {"potential": potential, "log_drop": log_drop, "cell": lattice.space.cell}
@@ -178,8 +180,8 @@ def _lattice_arrays(
 def _table(op: OperatingPoint) -> dict[str, list[Any]]:
     """Return the columns of a table with one row per node, followed by one row per element; values in SI units.
 
-    Columns: ``kind``, ``name``, ``first``, ``second`` (node names), ``value``, ``voltage``, ``current``, ``power``.
-    For a node, all are None except kind, name and voltage.
+    Columns: ``kind``, ``name``, ``first``, ``second`` (node names), ``value``, ``voltage`` (of a node, or from the
+    first to the second node), ``current``, ``power``.  For a node, all are None except kind, name and voltage.
     """
     nodes = _node_names(op)
     names = "kind", "name", "first", "second", "value", "voltage", "current", "power"
@@ -216,7 +218,8 @@ def _record(op: OperatingPoint) -> dict[str, Any]:
 def _arrays(op: OperatingPoint) -> dict[str, Any]:
     """Return arrays by name: ``node`` (names), ``voltage``, and the values of each kind of element.
 
-    The name of an array of elements is the kind and the column of `_elements`, such as ``voltage_source_current``.
+    The name of an array of elements is the kind of element and the value, such as ``voltage_source_current``; the
+    values are ``nodes``, ``value``, ``current``, ``power`` and ``name``.
     """
     arrays: dict[str, Any] = {"node": np.array(_node_names(op)), "voltage": op.voltage}
     for kind, columns in _elements(op).items():
@@ -225,7 +228,7 @@ def _arrays(op: OperatingPoint) -> dict[str, Any]:
 
 
 def _lists(columns: Mapping[str, NDArray[Any]]) -> list[list[Any]]:
-    """Return the columns of a table, without their names, as lists."""
+    """Return the columns of a table as lists, in the order of the mapping, without their names."""
     return [column.tolist() for column in columns.values()]
 
 

@@ -39,9 +39,9 @@ class StreamReport:
         ``method`` of the solution (fresh, elimination, unchanged; none if nothing was solved), ``outcome``
         (``not_planned`` if map, start or goal are missing), ``certified``, ``length`` and ``clearance`` in metres (NaN
         without a path), ``x``, ``y`` (start), ``milliseconds`` (processor time from the occupancies to the certified
-        path), ``reason``, ``note``.
+        path), ``reason`` (why no goal is reached), ``note`` (on deviations of the message).
     last : StreamedPath or None
-        Result for the last frame; None for no frame.
+        Result for the last frame; None if the recording has no frame.
     frames : int
         Number of frames.
     reached : int
@@ -90,14 +90,17 @@ class StreamReport:
 
     @property
     def median(self) -> float:
-        """Median of the processor time per solved frame, without the first, in milliseconds; NaN if none was solved."""
+        """Median of the processor time per solved frame, in milliseconds; NaN if no frame was solved.
+
+        The first solved frame is left out unless it is the only one.
+        """
         return float(np.median(self._times)) if self._times else float("nan")
 
     @property
     def percentile_95(self) -> float:
-        """95th percentile of the processor time per solved frame, without the first, in milliseconds.
+        """95th percentile of the processor time per solved frame, in milliseconds; NaN if no frame was solved.
 
-        It is NaN if no frame was solved. A single solved frame is not left out.
+        The first solved frame is left out unless it is the only one.
         """
         return float(np.percentile(self._times, 95)) if self._times else float("nan")
 
@@ -253,5 +256,5 @@ def _row(number: int, result: StreamedPath) -> tuple[Any, ...]:
 
 
 def _without_none(column: list[Any]) -> list[Any]:
-    """Return a column with empty texts in place of None."""
+    """Return the entries of a column as a list with empty texts in place of None."""
     return ["" if value is None else value for value in column]

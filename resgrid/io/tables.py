@@ -106,7 +106,7 @@ FORMATS: dict[str, Format] = {
     ".txt": Format("edges", str.encode),
     ".graphml": Format("graph", bytes),
 }
-"""File formats by suffix; standard output (``-``) uses the first format whose content the value has."""
+"""File formats by suffix; on standard output (``-``), a value has the first of these formats that it can have."""
 
 
 def suffix_of(target: str | os.PathLike[str], views: Collection[str], kind: str) -> str:
@@ -148,7 +148,7 @@ def emit(target: str | os.PathLike[str], data: bytes) -> Path:
 
 
 def require_names(axes: Iterable[Axis], names: Sequence[str]) -> None:
-    """Raise InputError if the name of an axis occurs more than once in a list of column names.
+    """Raise InputError if an axis has the same name as another column of a file.
 
     `axes`: the axes; `names`: names of all columns of a file, those of the axes included.
     """

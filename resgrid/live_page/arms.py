@@ -22,9 +22,10 @@ _MAX_POSES = 60
 
 
 def resample(drawing: Drawing) -> Drawing:
-    """Return a drawing whose cells are computed again from its arm's workspace; k, starts and wiring do not change.
+    """Return a drawing whose cells are computed again from the workspace of its arm.
 
-    Raises InputError for a drawing without a workspace.
+    k, starts and wiring do not change.  Raises InputError for a drawing without a workspace, for a workspace with a map
+    file, and if the axes differ.
     """
     from resgrid.scene.reading import build_scene
 
@@ -42,10 +43,10 @@ def resample(drawing: Drawing) -> Drawing:
 
 
 def poses(frame: SolvedDrawing) -> list[list[Any]]:
-    """Return the positions of the arm's joints along each path, as one nested list (poses, links + 1, 2) per path.
+    """Return the positions of the arm's base, joints and tip along each path, one list (poses, links + 1, 2) per path.
 
-    Positions are in the workspace, in metres.  Without an arm the result is empty; the entry of a missing path is an
-    empty list.  `frame`: solved drawing with the paths.
+    Positions are in the workspace, in metres, for at most 60 poses per path.  Without an arm the result is empty; the
+    entry of a path that the preview cannot find is an empty list.  `frame`: solved drawing with the paths.
     """
     if frame.drawing.world is None:
         return []
@@ -54,9 +55,9 @@ def poses(frame: SolvedDrawing) -> list[list[Any]]:
 
 
 def pose(frame: SolvedDrawing, configuration: list[float]) -> list[Any] | None:
-    """Return the positions of the arm's joints in a configuration, as a list of shape (links + 1, 2), or None.
+    """Return the positions of the arm's base, joints and tip in a configuration, as a list of shape (links + 1, 2).
 
-    Positions are in the workspace, in metres; None means that the drawing has no arm.  `frame`: solved drawing;
+    Positions are in the workspace, in metres.  The result is None if the drawing has no arm.  `frame`: solved drawing;
     `configuration`: joint angles in radians.
     """
     if frame.drawing.world is None:

@@ -30,15 +30,16 @@ _MAX_LEVELS = 64
 """Largest number of different conductivities in a drawing; a map with more raises InputError."""
 
 _MAX_GOAL_POINTS = 50_000
-"""Largest number of goal cells for which the configuration that solves the goal is stored; with more goal cells, every
-configuration in a goal cell solves the goal.
+"""Largest number of goal cells with which a drawing stores the goal configuration of each cell.
+
+With more goal cells, every configuration in a goal cell counts as a goal.
 """
 
 _INSIDE = 1e-9
 """Smallest distance of a goal configuration from the border of its cell, as a fraction of the cell's width."""
 
 _OF_CIRCUIT = ("boundary", "drive", "k", "leak", "lattice")
-"""Keys of a scene that a drawing sets itself; their values in the scene of an arm are not kept."""
+"""Keys of a scene file that a drawing writes from its own settings, even if the scene of an arm has other values."""
 
 
 @frozen
@@ -51,10 +52,11 @@ class Drawing:
     relative conductivities; `starts` (n, 2): in axis units; `k`: weight of the Dirichlet field, 0 to 1; `wall`: wall
     resistance in ohms, 0 for no wall; `leak`: leak to the obstacle rail, in 1 / (unit of the axes)^2; `lattice`:
     neighbours of a node; `driven`: whether every start drives a circuit of its own, with open obstacles (the page shows
-    the field of the first); `chip`: keys and values of the ``[chip]`` table of the scene; `world`: for an arm, the
-    document (keys and tables) of its scene, with the workspace from which the cells are computed, else None; `broken`:
-    open resistors, as cell (i, j) and axis, for the resistor at the cell's lower face across the axis; `goal_points`:
-    configurations that solve the goal, as flat index of the cell in C order and point in axis units.
+    the field of the first); `chip`: keys and values of the ``[chip]`` table of the scene, None for the defaults;
+    `world`: for an arm, the document (keys and tables) of its scene, with the workspace from which the cells are
+    computed, else None; `broken`: open resistors, as cell (i, j) and axis, for the resistor at the cell's lower face
+    across the axis; `goal_points`: goal configurations, as flat index of the cell in C order and two coordinates in
+    axis units; in a goal cell without an entry, every configuration is a goal.
     """
 
     title: str
@@ -76,7 +78,7 @@ class Drawing:
 
     @property
     def space(self) -> ConfigurationSpace:
-        """Configuration space with the cells of the drawing and the goal configurations."""
+        """Configuration space with the cells, the conductivities and the goal configurations of the drawing."""
         costs = np.array(self.palette)[self.level] if self.level.any() or self.palette[0] != 1.0 else None
         points = np.full((*self.cell.shape, 2), np.nan)
         for number, *point in self.goal_points:
@@ -108,8 +110,8 @@ class Drawing:
     def document(self) -> dict[str, Any]:
         """Return the keys and tables of a scene file that gives exactly the cells of the drawing, as a dictionary.
 
-        For an arm, the result contains the arm and its workspace instead of cells if the workspace still gives these
-        cells.
+        For an arm, the result contains the arm and its workspace instead of cells, unless cells were changed on the
+        page.
         """
         chip = dict(self.chip or {})
         if self.wall:
@@ -148,7 +150,7 @@ class Drawing:
         return {key: value for key, value in document.items() if value not in ([], {})}
 
     def _has_cells_of_world(self) -> bool:
-        """Return whether the cells are those that the arm's workspace gives, unchanged; False without an arm."""
+        """Return whether the cells are those that the arm's workspace gives; False without an arm."""
         from pathlib import Path
 
         from resgrid.scene.reading import build_scene
@@ -216,7 +218,7 @@ def drawing_of(scene: Scene) -> Drawing:
 def is_same_circuit(one: Drawing, other: Drawing) -> bool:
     """Return whether two drawings have the same circuit.
 
-    Titles may differ, and so may all starts that do not drive the circuit.
+    Titles may differ, and so may starts, except the first start if it drives the circuit.
     """
 
     def parts(drawing: Drawing) -> tuple[object, ...]:
@@ -242,11 +244,11 @@ def drawing_of_space(space: ConfigurationSpace) -> Drawing:
 
 
 def _goal_points(space: ConfigurationSpace) -> tuple[tuple[int, float, float], ...]:
-    """Return the configurations of a space that solve its goals, as tuples of a flat cell index and two coordinates.
+    """Return the goal configurations of a space, as tuples of the flat index of a goal cell and two coordinates.
 
     Indices are in C order, coordinates in axis units; points at the border of their cell are moved inside by 1e-9 of
-    the cell's width.  Goal cells in which every configuration solves the goal have no entry; the result is empty for
-    more than 50,000 goal cells.
+    the cell's width.  Goal cells in which every configuration is a goal have no entry; the result is empty for more
+    than 50,000 goal cells.
     """
     cells = np.argwhere(space.cell == Cell.GOAL)
     points = space.goal_point(cells)
@@ -259,7 +261,7 @@ def _goal_points(space: ConfigurationSpace) -> tuple[tuple[int, float, float], .
 
 
 def blank(cells: int = 96) -> Drawing:
-    """Return an empty square drawing with one goal and one start; `cells`: number of cells along each axis."""
+    """Return a square drawing without obstacles, with one goal and one start; `cells`: number of cells per axis."""
     axes = tuple(Axis(name, 0.0, float(cells), cells, unit="cell") for name in "xy")
     cell = np.zeros((cells, cells), dtype=np.uint8)
     cell[cells * 3 // 4, cells * 3 // 4] = Cell.GOAL
@@ -306,10 +308,7 @@ def _palette(space: ConfigurationSpace) -> tuple[tuple[float, ...], NDArray[np.u
 
 
 def _changed(chip: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the entries of a ``[chip]`` table that differ from the default values.
-
-    `chip`: values of the table by key.
-    """
+    """Return the entries of a ``[chip]`` table, `chip`, whose values differ from the defaults of a scene file."""
     from resgrid.scene import Chip
     from resgrid.scene.table_models import plain
 

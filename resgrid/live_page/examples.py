@@ -117,7 +117,7 @@ EXAMPLES: Mapping[str, Example] = {
 
 
 def examples() -> Mapping[str, Example]:
-    """Return the examples by name whose scenes are part of the distribution."""
+    """Return the examples, by name, whose scenes are installed with resgrid; other examples are left out."""
     shipped = shipped_scenes()
     return {name: example for name, example in EXAMPLES.items() if example.scene in shipped}
 

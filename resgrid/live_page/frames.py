@@ -32,20 +32,25 @@ NO_VALUE = 65535
 """Pixel value that marks cells without a value in 16-bit pictures; all other pixel values are smaller."""
 
 _SPEED_DECADES = 6.0
-"""Range of currents, in orders of magnitude, that is mapped to the range of speeds of the moving dots on the page."""
+"""Decrease of the current, in orders of magnitude, over which the speed of the moving dots falls linearly from the
+largest speed to 0; the smallest speed is 0.2 of the largest one.
+"""
 
 _SMALLEST_DROP = 1e-7
-"""Smallest drop that the page shows in a preview, because normwise solutions do not resolve smaller ones; a drop is a
-fraction of the supply.
+"""Smallest drop, as a fraction of the supply, that the page shows in a preview, also where the drop is smaller.
+
+The solution of a preview has normwise accuracy and does not resolve smaller drops.
 """
 
 
 def describe(frame: SolvedDrawing) -> tuple[dict[str, Any], list[bytes]]:
     """Return the description of a solved drawing for the page: a dictionary for JSON, and four arrays as bytes.
 
-    Keys: ``exact``, ``paths`` (outcome, number of points and so on of each path), ``seconds``, ``methods``, ``cells``
-    and ``cut_off`` (numbers of free cells and of those without a path to a goal), ``flat`` (circuits without currents),
-    ``scale`` (see `picture_of`), and ``circuit`` of a small grid.
+    Keys: ``exact`` (whether the solution is direction-safe), ``paths`` (outcome, number of points and so on of each
+    path), ``seconds`` (computing time), ``methods`` (names of the solvers), ``cells`` and ``cut_off`` (numbers of free
+    cells and of those without a path to a goal), ``flat`` (names of circuits of a blend without currents), ``scale``
+    (kind, lowest and highest value of the picture), and ``circuit`` (None for more than 10 cells per axis), which is
+    absent unless the solution has exactly one operating point.
 
     The arrays are the points of all paths, a picture, face currents and speeds of moving dots.  Points: float32
     (points, 2), measured from the lower corner of the grid in cell widths, continuous across the seams of periodic
@@ -74,12 +79,13 @@ def describe(frame: SolvedDrawing) -> tuple[dict[str, Any], list[bytes]]:
 
 
 def describe_others(drawing: Drawing, names: Sequence[str]) -> tuple[dict[str, Any], list[bytes]]:
-    """Return certified paths in other fields of a drawing: a dictionary for JSON, and the points of each path as bytes.
+    """Return certified paths in fields other than that of a drawing: a dictionary for JSON, and the points as bytes.
 
-    The key ``points`` holds, for every name, the list of the numbers of points of its paths.  `names`: ``"ideal"`` for
-    the field of the chip without imperfections, ``"k = 0"`` and ``"k = 1"`` for the Neumann and the Dirichlet field of
-    the blend.  Points of a path: float32 (points, 2), measured from the lower corner of the grid in cell widths,
-    continuous across the seams of periodic axes.
+    The key ``points`` holds, for every name, a list of the numbers of points of its paths, 0 if the start or the goal
+    is blocked or no path exists.  The bytes of the paths are in the same order: float32 (points, 2), measured from the
+    lower corner of the grid in cell widths, continuous across the seams of periodic axes.  `names`: ``"ideal"`` for the
+    field of the chip without imperfections, ``"k = 0"`` and ``"k = 1"`` for the Neumann and the Dirichlet field of the
+    blend.
     """
     others = {"ideal": without_imperfections(drawing)}
     if not drawing.driven:
@@ -115,8 +121,9 @@ def picture_of(frame: SolvedDrawing) -> tuple[dict[str, Any], NDArray[np.uint16]
     """Return the scale and the picture uint16 (nx, ny) of a field.
 
     The picture shows log10 of the drop if the field has an obstacle rail, otherwise the normalised potential.  The
-    scale is a dictionary with the keys ``kind`` (``"decades"`` or ``"height"``), ``low`` and ``high`` (lowest and
-    highest value in this unit), between which pixel values are linear.  `frame`: solved drawing.
+    scale is a dictionary with the keys ``kind`` (``"decades"`` for log10 of the drop, ``"height"`` for the potential),
+    ``low`` and ``high`` (lowest and highest of these values).  Pixel values from 0 to 65534 are linear between low and
+    high; 65535 marks cells that are neither goal cells nor connected to a goal.  `frame`: solved drawing.
     """
     field = frame.field
     goal, log_drop = field.space.cell == Cell.GOAL, _log_drop(frame)
@@ -130,9 +137,10 @@ def picture_of(frame: SolvedDrawing) -> tuple[dict[str, Any], NDArray[np.uint16]
 
 
 def quantised(value: NDArray[np.float64], shown: NDArray[np.bool_], low: float, high: float) -> NDArray[np.uint16]:
-    """Return values scaled from [low, high] to [0, 65534] as uint16, in the shape of `value`.
+    """Return values scaled linearly from [low, high] to [0, 65534] as uint16, in the shape of `value`.
 
-    `value`: values; `shown`: mask of the same shape; entries outside the mask become `NO_VALUE` (65535).
+    `value`: values, inside the mask between low and high; `shown`: mask of the same shape; entries outside the mask
+    become `NO_VALUE` (65535).
     """
     fraction = np.where(shown, (value - low) / (high - low), 0.0) if high > low else np.zeros_like(value)
     return np.where(shown, np.rint(fraction * (NO_VALUE - 1)), NO_VALUE).astype("<u2")
@@ -174,7 +182,8 @@ def _currents(field: AnyField) -> tuple[NDArray[np.int8], NDArray[np.uint8]]:
     """Return the relative face currents int8 (nx, ny, 4) and the speeds of the moving dots uint8 (nx, ny).
 
     Currents flow through the lower and the upper face across each axis, positive along the axis; 127 is the largest
-    current of the cell.  The speed is 255 at large currents, and 0 in cells without a current.
+    current of the cell.  Only free cells have currents.  The speed is 255 at large currents, and 0 in cells without a
+    current.
     """
     if isinstance(field, LatticeField):
         flow, largest = flows(field)
@@ -199,7 +208,9 @@ def _currents(field: AnyField) -> tuple[NDArray[np.int8], NDArray[np.uint8]]:
 def _speed(largest: NDArray[np.float64], flowing: NDArray[np.bool_]) -> NDArray[np.uint8]:
     """Return the speeds of the moving dots, uint8 (nx, ny).
 
-    `largest` (nx, ny): natural logarithm of the largest current of each cell; `flowing` (nx, ny): cells with a current.
+    The speed is 255 from the 98th percentile of the currents on, falls linearly with their logarithm, and is at least
+    51; in cells without a current it is 0.  `largest` (nx, ny): natural logarithm of the largest current of each cell;
+    `flowing` (nx, ny): mask of the cells with a current.
     """
     decades = largest / np.log(10.0)
     top = np.quantile(decades[flowing], 0.98) if flowing.any() else 0.0
@@ -215,9 +226,9 @@ def probe(frame: SolvedDrawing, cell: Sequence[int]) -> dict[str, Any]:
     without a node; `volts`: the same potential in volts; `drop_decades`: log10 of the drop, None without an obstacle
     rail; `amperes`: currents through the lower and the upper face across the first axis, then across the second,
     positive along the axis, or, for other lattices than "square", `steps`: lists of an arrow, the current along a step
-    to a neighbour, positive outwards, and whether paths take this step; `bits`: converter bits that resolve the voltage
-    step to the lowest neighbour, or None; `exact`: whether the solution is direction-safe; `proved`: sentences on
-    proved properties.
+    to a neighbour, positive outwards, and whether paths take this step; `bits`: bits of an analogue-to-digital
+    converter that resolve the voltage step to the neighbour with the lowest potential, None if unknown; `exact`:
+    whether the solution is direction-safe; `proved`: sentences on proved properties.
 
     `frame`: the solved drawing; `cell`: index along each axis.  Raises InputError for a cell outside the grid.
     """
@@ -246,9 +257,12 @@ def probe(frame: SolvedDrawing, cell: Sequence[int]) -> dict[str, Any]:
 
 
 def _currents_of(field: AnyField, index: tuple[int, int], unit: float) -> dict[str, Any]:
-    """Return the entry ``amperes`` or ``steps`` of `probe`.
+    """Return the currents of a cell as a dictionary for JSON, with the key ``amperes`` or ``steps``.
 
-    `index`: index of the cell along each axis; `unit`: unit of the field's currents, in amperes.
+    ``amperes``: currents through the lower and the upper face across the first axis, then across the second, positive
+    along the axis; ``steps`` (lattices other than "square"): lists of an arrow, the outward current along a step to a
+    neighbour in amperes, and whether paths take this step. `index`: index of the cell along each axis; `unit`: unit of
+    the field's currents, in amperes.
     """
     if isinstance(field, LatticeField):
         return {"steps": [[arrow, unit * amperes, leads] for arrow, amperes, leads in step_currents(field, index)]}
@@ -257,9 +271,10 @@ def _currents_of(field: AnyField, index: tuple[int, int], unit: float) -> dict[s
 
 
 def _proved(frame: SolvedDrawing, index: tuple[int, int]) -> list[str]:
-    """Return statements about a cell that are proved for this solution, as sentences.
+    """Return statements about a cell that are proved for this solution, as sentences, for the display.
 
-    `index`: index of the cell along each axis.
+    The list is empty for cells that are not free or not connected to a goal; for a preview its only entry states that
+    nothing is certified.  `index`: index of the cell along each axis.
     """
     if not frame.exact:
         return ["preview: not certified"]
@@ -275,10 +290,11 @@ def _proved(frame: SolvedDrawing, index: tuple[int, int]) -> list[str]:
 
 
 def _bits(frame: SolvedDrawing, index: tuple[int, ...]) -> float | None:
-    """Return the converter bits that resolve the voltage step from a cell to its lowest neighbour.
+    """Return the bits of an analogue-to-digital converter that resolve the voltage step from a cell to a neighbour.
 
-    `index`: index of the cell.  The result is None for cells that are not free, for blends of two circuits, for
-    previews without an operating point, and for lattices other than "square".
+    The neighbour is the one with the lowest potential.  The result is None for cells that are not free, for blends of
+    two circuits, for previews without an operating point, and for lattices other than "square".  `index`: index of the
+    cell along each axis.
     """
     from resgrid.chip.adc_resolution import analyse_adc_resolution
 
@@ -294,8 +310,8 @@ def _circuit(op: OperatingPoint) -> dict[str, Any] | None:
     `resistors`: lists of axis, i, j (the resistor at the lower face of cell (i, j) across this axis), ohms, and volts
     and amperes from the lower to the upper side; `supplies`: name of the rail, volts and delivered amperes of every
     voltage source; `fed`: amperes injected into every driven node, None without injected currents; `leak`: median ohms
-    of the leaks of the nodes, None without leaks.  Other lattices than "square" have no `resistors`, but the entries of
-    `segments`.
+    of the leaks of the nodes, None without leaks.  For other lattices than "square", `resistors` is empty and `leak`
+    None; the keys ``segments``, ``contacts`` and ``nodes`` describe the resistors by the places of their ends.
     """
     netlist, found = op.netlist, op.netlist.space_map
     assert found is not None
@@ -316,7 +332,10 @@ def _circuit(op: OperatingPoint) -> dict[str, Any] | None:
 
 
 def _resistors(op: OperatingPoint) -> list[list[float]]:
-    """Return axis, i, j, ohms, volts and amperes of the resistors that cross cell faces, as in `_circuit`."""
+    """Return a list of axis, i, j, ohms, volts and amperes for each resistor that crosses a face between cells.
+
+    The face is the lower face of cell (i, j) across the axis; volts and amperes are from its lower to its upper side.
+    """
     cells = op.netlist.cells
     ohms = 1.0 / op.netlist.conductance
     amperes = np.where(cells.resistor_upward, 1.0, -1.0) * op.resistor_current

@@ -21,18 +21,20 @@ _ARROWS = "→↗↑↖←↙↓↘"
 
 
 def at_cells(field: AnyField, values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return values of a field in the shape of its space; for a lattice, those at the nodes that represent cells.
+    """Return one value of a field per cell, in the shape of its space.
 
-    `values`: one value per cell, or per site of the lattice.
+    For a lattice this is the value at the site that is nearest to the centre of the cell.  `values`: one value per
+    cell, or per site of the lattice.
     """
     return values.ravel()[field.lattice.central_sites] if isinstance(field, LatticeField) else values
 
 
 def flows(field: LatticeField) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the mean flow through the node of each cell (nx, ny, 2), and the log of its largest current (nx, ny).
+    """Return the flow through the node of each cell (nx, ny, 2), and the logarithm of its largest current (nx, ny).
 
     A flow is the sum of the currents along all steps times their unit vectors, relative to the largest current of the
-    node; the logarithm is natural, -inf without current.
+    node, per cell width along each axis.  The logarithm is natural, of currents in units of supply / resistance, -inf
+    without current.
     """
     lattice, site = field.lattice, field.lattice.central_sites
     parts = []
@@ -49,10 +51,10 @@ def flows(field: LatticeField) -> tuple[NDArray[np.float64], NDArray[np.float64]
 
 
 def step_currents(field: LatticeField, index: tuple[int, int]) -> list[list[Any]]:
-    """Return the currents from the node of a cell to its neighbours: lists of an arrow, outward current and path.
+    """Return the currents from the node of a cell to its neighbours, as one list per neighbour.
 
-    The last entry states whether paths take the step. Currents are in units of supply / resistance. `index`: index of
-    the cell along each axis.
+    A list consists of an arrow for the direction, the outward current in units of supply / resistance, and whether
+    paths take this step. `index`: index of the cell along each axis.
     """
     lattice = field.lattice
     site = int(lattice.central_sites[index])
@@ -69,11 +71,11 @@ def step_currents(field: LatticeField, index: tuple[int, int]) -> list[list[Any]
 
 
 def segments(op: OperatingPoint) -> dict[str, Any]:
-    """Return the resistors of a lattice as a dictionary for JSON, with points in cells from the lower corner.
+    """Return the resistors of a lattice as a dictionary for JSON, with places in cell widths from the lower corner.
 
-    `segments`: lists of x and y of both ends, ohms, and volts and amperes from the first to the second end; `contacts`:
-    lists of x and y of the node and the ohms of all its contacts with the obstacle rail; `nodes`: lists of x and y of
-    all nodes in free cells.
+    Keys: `segments`: lists of x and y of both ends, ohms, and volts and amperes from the first to the second end;
+    `contacts`: lists of x and y of a node and the ohms of its contacts with the obstacle rail in parallel; `nodes`:
+    lists of x and y of all nodes in free cells.
     """
     netlist, found = op.netlist, op.netlist.lattice_map
     assert found is not None
@@ -99,5 +101,5 @@ def segments(op: OperatingPoint) -> dict[str, Any]:
 
 
 def _unit(lattice: Lattice, step: int) -> NDArray[np.float64]:
-    """Return the unit vector of a step, shape (2,)."""
+    """Return the unit vector (2,) of a step to a neighbour in the plane of the axes; `step`: index into the steps."""
     return np.asarray(lattice.steps[step] / np.linalg.norm(lattice.steps[step]))

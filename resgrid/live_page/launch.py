@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 _MISSING = "the live page needs starlette, uvicorn and websockets; type: {command}"
 _NO_WIDGETS = "in a notebook the page is a widget, which needs anywidget; type: {command}, or pass widget=False"
 _START_SECONDS = 20.0
-"""Longest wait for the start of the server, in seconds; after that, the page is returned without an answer."""
+"""Longest wait for the start of the server, in seconds; after that, the page is returned before the server answers."""
 
 _STOP_SECONDS = 30.0
 """Longest wait for the end of the server, in seconds; after that, its socket is closed while requests may still run."""
@@ -34,8 +34,9 @@ _WORKERS = 8
 """Number of requests that are answered in parallel; further requests wait."""
 
 _WARM_CELLS = 256
-"""Largest number of cells per axis of the initial drawing that is solved at the start to load the compiled kernels;
-instead of a larger drawing, a blank one of this size is solved.
+"""Largest number of cells per axis of an initial drawing that is solved at the start, to load the compiled kernels.
+
+Instead of a larger drawing, a blank one with this number of cells per axis is solved.
 """
 
 
@@ -193,7 +194,7 @@ def _in_notebook() -> bool:
 def _load_engine(first: Drawing) -> None:
     """Import the solvers and load their compiled kernels, by solving a drawing.
 
-    `first`: initial drawing, which is solved if it is small; otherwise a blank drawing is solved.
+    `first`: initial drawing, which is solved if it has at most 256 cells per axis; else a blank drawing is solved.
     """
     from resgrid.live_page.solving import solve_drawing
 

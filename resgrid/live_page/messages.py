@@ -29,7 +29,9 @@ _PAGE_WORDS = {
     "--drive uniform": "the uniform drive",
     "boundary = 'neumann'": "k = 0",
 }
-"""Name of the control on the page, by the option of the command line or the key of a scene that has the same effect."""
+"""Words for a control of the page, by the text in error messages that names an option of the command line, or a key of
+a scene, with the same effect; the texts are replaced in this order.
+"""
 
 _Point = Annotated[tuple[float, ...], Strict(False), Len(2, 2)]
 
@@ -75,7 +77,7 @@ class File(TableModel):
 
 
 class Request(TableModel):
-    """The JSON head of a request of the page.
+    """The JSON head of a request of the page; fields that a type of request does not need are None.
 
     `type`: kind of request: "solve" (a drawing), "settle" (transient), "paths" (paths in other fields), "save"
     (export), "probe" (properties of a cell), "world", "example", "files" or "link" (drawing of an arm's workspace, an
@@ -118,8 +120,8 @@ def read_request(message: bytes) -> tuple[Request, bytes]:
 def read_drawing(head: DrawingHead | None, body: bytes) -> Drawing:
     """Return the drawing of a request; raise InputError if the drawing is missing or inconsistent.
 
-    `head`: fields of the drawing, None if they are missing; `body`: one byte per cell, in C order: the cell's code plus
-    4 times the index of its conductivity.
+    Goal configurations in cells that are not goal cells are dropped.  `head`: fields of the drawing, None if they are
+    missing; `body`: one byte per cell, in C order: the cell's code plus 4 times the index of its conductivity.
     """
     if head is None:
         raise InputError("this request needs a drawing")
@@ -194,7 +196,7 @@ def in_page_words(text: str) -> str:
 def pack(head: dict[str, Any], *body: bytes) -> bytes:
     """Return the bytes of a message with a JSON head and a body.
 
-    `head`: values of the head by key, as JSON; `body`: parts of the body, which are concatenated.
+    `head`: values of the head by key, which are converted to JSON; `body`: parts of the body, which are concatenated.
     """
     text = json_text(head).encode()
     text += b" " * (-len(text) % 4)

@@ -23,8 +23,8 @@ function urlOf(name) {
 const { show } = await import(urlOf("widget.js"));
 export default { render: (context) => show(context, sources["page.css"]) };
 """
-"""JavaScript module that contains the sources of all modules of the page, because a widget has only one module and no
-address from which modules could be imported.
+"""Template of a JavaScript module that contains the sources of all modules of the page, because a widget has only one
+module and no address from which others could be imported.  ``%s`` stands for a JSON object of the sources by file name.
 """
 
 

@@ -35,9 +35,9 @@ def open_document(document: Mapping[str, Any] | None) -> Drawing:
 
 
 def open_files(files: Sequence[File] | None) -> Drawing:
-    """Return the drawing of a scene file, or of a map with its picture; raise InputError for invalid files.
+    """Return the drawing of a scene file, or of a map with its picture; raise InputError for invalid files or none.
 
-    `files`: the files that the user opens, None for none; the scene has no access to other files.
+    `files`: the files that the user opens, or None; the scene has no access to other files.
     """
     if not files:
         raise InputError("there is no file to open; drop a scene or a map on the page")

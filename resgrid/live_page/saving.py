@@ -24,7 +24,8 @@ def save(drawing: Drawing, kind: str | None) -> tuple[str, bytes]:
     """Return the name and the content of an exported file; raise InputError for another `kind`, or None.
 
     `kind`: ``toml`` or ``json`` (the scene), ``csv`` (paths), ``deck`` (SPICE decks with sidecars, zipped), ``svg``
-    (picture of field and paths, drawn by `rg.draw`) or ``circuit`` (picture of the circuit of a small grid, as SVG).
+    (picture of field and paths, drawn by `rg.draw`) or ``circuit`` (picture of the circuit as SVG, up to 10 cells per
+    axis).
     """
     match kind:
         case "toml":
@@ -99,7 +100,10 @@ def _picture(drawing: Drawing) -> bytes:
 
 
 def _circuit(drawing: Drawing) -> bytes:
-    """Return the bytes of an SVG picture of the circuit with its voltages; raise InputError for a large grid."""
+    """Return the bytes of an SVG picture of the circuit of a drawing with its voltages.
+
+    Raises InputError for a blend, and for a grid of more than 10 cells along an axis.
+    """
     from resgrid.plot.figures import render_figure
     from resgrid.plot.pictures import draw
 

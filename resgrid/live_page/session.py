@@ -22,8 +22,10 @@ from resgrid.live_page.opening import open_document, open_files
 from resgrid.live_page.solving import SolvedDrawing, WarmFields, solve_drawing
 
 MAX_EXACT_SECONDS = 0.035
-"""Computing time, in seconds, of the last direction-safe solution, below which previews during a mouse gesture are
-replaced by direction-safe solutions.
+"""Limit on the computing time of a direction-safe solution, in seconds, for its use during a mouse gesture.
+
+If the last direction-safe solution took less time, the next solution is direction-safe, too; otherwise a preview is
+computed during a gesture.
 """
 
 _log = logging.getLogger(__name__)
@@ -33,7 +35,10 @@ Reply = tuple[dict[str, Any], list[bytes]]
 class Session:
     """Session of one browser, which answers requests and stores the last solved drawings.
 
-    `first`: initial drawing; `read_only`: whether the visitor can only change the Dirichlet weight k and the starts.
+    `first`: initial drawing; `read_only`: whether the visitor can only change the Dirichlet weight k and the starts;
+    `frame`: last solved drawing; `settled`: last one that was solved after a gesture; `before`: the one before
+    `settled` with another circuit, from which a transient starts; all three are None at first; `exact_seconds`:
+    computing time of the last direction-safe solution, infinite at first.
     """
 
     def __init__(self, first: Drawing, read_only: bool) -> None:
@@ -47,7 +52,7 @@ class Session:
         self._warm = WarmFields()
 
     def hello(self) -> bytes:
-        """Return the first message to a page, as bytes: examples, settings, and the initial drawing."""
+        """Return the first message to a page, as bytes: examples, read-only flag, colours, and the initial drawing."""
         head, body = write_drawing(self.first)
         colours = {"height": list(HEIGHT), "goal": GOAL}
         about = {"examples": example_menu(), "read_only": self.read_only, "colours": colours}
@@ -117,7 +122,8 @@ class Session:
     def _origin(self, drawing: Drawing) -> OperatingPoint | None:
         """Return the operating point before the last change, from which a transient of the drawing starts.
 
-        The result is None if no drawing of the same axes was solved before, or if the last one was a blend.
+        The result is None if no other circuit was solved before, or if the one before the change had other axes or was
+        a blend.
         """
         if self.before is None or self.before.drawing.axes != drawing.axes:
             return None

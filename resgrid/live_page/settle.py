@@ -29,28 +29,28 @@ _FARADS = 1e-12
 """Capacitance of every node, in farads, if the drawing's chip states none."""
 
 _FIRST = 0.25
-"""First time of a transient divided by `_RATIO`, as a multiple of the time constant R C.
+"""Factor of the first time of a transient, which is `_FIRST` times `_RATIO` times R C.
 
-R and C are one resistor and one capacitor of the grid.
+R and C are the nominal resistance between cells and the capacitance of a node.
 """
 
 _RATIO = 1.4
-"""Ratio of two successive times of a transient."""
+"""Quotient of each time of a transient and the time before."""
 
 _MAX_TIMES = 80
 """Largest number of times at which a transient is computed; the steady state follows as the last picture."""
 
 _STEPS = ((0.3, 24), (0.1, 12), (0.02, 6), (0.0, 3))
-"""Pairs of an error and a number of time steps: the number of coarse steps to the next time, by the smallest error at
-the last time for which this number is used.
+"""Pairs of an error and the number of coarse time steps from one time of the transient to the next.
 
-The error is the largest difference of the natural logarithms of fine and coarse levels.  The steps are of backward
-Euler; fine steps are half as long as coarse steps.
+The first pair counts whose error is at most the error at the last time, which is the largest difference of the natural
+logarithms of levels computed with fine and with coarse steps.  The steps are of backward Euler; fine steps are half as
+long as coarse steps.
 """
 
 _VISIBLE = 0.004
-"""Largest difference of a picture from the steady-state picture, as a fraction of the range of pixel values, at which
-the circuit counts as settled.
+"""Largest difference of a pixel from the steady-state picture, as a fraction of the range of pixel values, at which the
+circuit counts as settled.
 """
 
 
@@ -151,8 +151,8 @@ def _transient(
 def _unit(op: OperatingPoint, is_drop: bool) -> float:
     """Return the voltage, in volts, that the page shows as a potential of 1, or as a drop of 1 if `is_drop`.
 
-    `op`: operating point.  A drop of 1 is the supply, with its sign; a potential of 1 is the largest voltage between a
-    free node and the goal rail.
+    `op`: operating point.  A drop of 1 is the supply, with its sign; a potential of 1 is the largest magnitude of the
+    voltage between a free node and the goal rail.
     """
     wiring, free = op.netlist.cells.wiring, op.netlist.cells.free_node
     if is_drop:
@@ -161,11 +161,11 @@ def _unit(op: OperatingPoint, is_drop: bool) -> float:
 
 
 def _in_levels(netlist: Netlist, unit: float, goal: float, farads: float, is_drop: bool) -> Netlist:
-    """Return the circuit scaled to potentials, or to drops if `is_drop`, with a capacitor at every free cell.
+    """Return the circuit whose voltages are potentials, or drops if `is_drop`, with a capacitor at every free cell.
 
-    `unit`: voltage of a potential or drop of 1, in volts; `goal`: voltage of the goal rail, in volts; `farads`:
-    capacitance of every node.  Backward Euler keeps the relative accuracy of drops and potentials over many orders of
-    magnitude, because they are not negative.
+    `netlist`: circuit in volts; `unit`: voltage of a potential or drop of 1, in volts; `goal`: voltage of the goal
+    rail, in volts; `farads`: capacitance of every free node.  Backward Euler keeps the relative accuracy of drops and
+    potentials over many orders of magnitude, because they are not negative.
     """
     nodes = netlist.cells.free_node
     pairs = np.stack([nodes, np.full_like(nodes, GROUND)], axis=1)
@@ -199,8 +199,8 @@ def _levels(netlist: Netlist, start: NDArray[np.float64], unit: float) -> Iterat
     """Yield the potentials or drops (nodes,) of all nodes at geometrically spaced times.
 
     The values are extrapolated from coarse and fine steps of backward Euler.  The geometric extrapolation ``fine**2 /
-    coarse`` has second order and keeps all values positive.  `netlist`: circuit scaled to potentials or drops; `start`
-    (nodes,): values at time 0; `unit`: time constant R C, in seconds.
+    coarse`` has second order and keeps all values positive.  `netlist`: circuit whose node voltages are potentials or
+    drops; `start` (nodes,): values at time 0, which are not yielded; `unit`: time constant R C, in seconds.
     """
     times = unit * _FIRST * np.array([0.0, *_RATIO ** np.arange(1, _MAX_TIMES + 1)])
     coarse = fine = start
@@ -220,7 +220,7 @@ def _levels(netlist: Netlist, start: NDArray[np.float64], unit: float) -> Iterat
 def _advanced(netlist: Netlist, level: NDArray[np.float64], seconds: float, steps: int) -> NDArray[np.float64]:
     """Return the potentials or drops (nodes,) after `steps` equal steps of backward Euler in total time `seconds`.
 
-    `netlist`: circuit scaled to potentials or drops; `level` (nodes,): values before the steps.
+    `netlist`: circuit whose node voltages are potentials or drops; `level` (nodes,): values before the steps.
     """
     stepper = transient_stepper(netlist, seconds / steps, method="backward_euler")
     level = stepper.start(level)

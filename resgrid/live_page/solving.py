@@ -35,19 +35,16 @@ _TOLERANCE = 1e-6
 
 
 class WarmFields:
-    """Solver of previews of chips without imperfections.
-
-    Its iterations start from the fields of the previous call.
-    """
+    """Solver of previews of chips without imperfections; an iteration starts from the fields of the previous call."""
 
     def __init__(self) -> None:
         self._starts: dict[str, WarmStart] = {}
 
     def solve(self, problem: Problem) -> Solution:
-        """Return the fields of a problem with normwise accuracy.
+        """Return the fields of a problem with normwise accuracy, without operating points.
 
-        Raises the errors of `WarmStart.solve` and `read_cells`; after an error, the next call starts without previous
-        fields.
+        Raises CircuitError or AccuracyError if a circuit carries no current or is too stiff; after an error, the next
+        call starts without previous fields.
         """
         pure = dict[str, Field]()
         for name, wiring in problem.wirings.items():
@@ -77,7 +74,7 @@ class SolvedDrawing:
 
     @property
     def field(self) -> AnyField:
-        """Field that the page displays."""
+        """Field that the page displays: the blend with the weight k, or the field of the first start that drives."""
         return self.solution.fields[0]
 
 

@@ -23,7 +23,7 @@ from resgrid.errors import InputError
 @checked
 @dataclass(frozen=True)
 class OperatingAnalysis:
-    """The operating point, the default analysis of a deck.
+    """Request for the operating point, the analysis of a deck for which no other analysis is requested.
 
     Examples
     --------
@@ -49,7 +49,8 @@ class TransientAnalysis:
     stop : float
         End of the transient, in seconds.
     step : float
-        Largest time step, in seconds.  Values change linearly from the deck to `after` between time 0 and `step`.
+        Largest time step, in seconds.  From time 0 to `step`, the values of the elements change linearly from those of
+        the deck to those of `after`.
     after : Netlist or None
         Circuit after the change, which has the nodes and elements of the deck with other values; None for no change.
         In tile form it may be a different scene on the same grid; in flat form, the supply, drive or switches differ.
@@ -120,7 +121,7 @@ class NoiseAnalysis:
 @checked
 @dataclass(frozen=True)
 class TemperatureAnalysis:
-    """Operating points at other temperatures.
+    """Operating points of the circuit at several temperatures.
 
     Attributes
     ----------
@@ -208,7 +209,8 @@ class MismatchAnalysis:
         Returns
         -------
         ndarray of float64, shape (n,)
-            Factors with mean 1; n is the number of resistor sites on the chip.
+            Log-normal factors with mean 1, one per site of a resistor.  The sites of a grid are all its faces between
+            cells, then with a leak all cells; those of a netlist without cells are its resistors.
         """
         return random_sites.mismatch_factors(random_sites.site_count(netlist), self.sigma, self.seed)
 
@@ -223,7 +225,8 @@ class MismatchAnalysis:
         Returns
         -------
         Netlist
-            Copy of the netlist with every resistance multiplied by the factor of its site (`factors`).
+            Copy of the netlist in which the resistances of the grid are multiplied by the factors of their sites (see
+            `factors`); switches and rail segments are unchanged.
         """
         return random_sites.scale_resistances(netlist, self.factors(netlist))
 

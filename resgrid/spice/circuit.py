@@ -22,7 +22,11 @@ KINDS = tuple(ARRAYS)
 """Kinds of element of a netlist: resistor, voltage source, current source, capacitor and nonlinear resistor."""
 
 TOLERANCE = 1e-9
-"""Default limit on errors of a simulation: of voltages relative to the supply, of currents to the scale of currents."""
+"""Default limit on errors of a simulation, as a fraction of the scale of the error.
+
+The scale is the largest voltage difference V in the circuit for voltages, and the largest source current for source
+currents, but at least ``1e-3 G V`` with the largest conductance G.
+"""
 
 SHOWN = 5
 """Maximum number of names in a message; the message ends with the number of further names."""
@@ -93,7 +97,7 @@ class Circuit:
     ends : mapping of str to ndarray of int32, shape (elements, 2)
         Node numbers of both ends of every element, for each kind of element.
     part : ndarray of int64, shape (nodes,)
-        Number of the connected component of every node; only conducting elements connect nodes.
+        Index of the connected component of every node; only conducting elements connect nodes.
     is_floating : ndarray of bool, shape (nodes,)
         Whether a node has no conducting path to ground.
     degree : ndarray of int64, shape (nodes,)
@@ -204,7 +208,7 @@ class Circuit:
 
     @cached_property
     def part(self) -> NDArray[np.int64]:
-        """Number of the connected component of every node, shape (nodes,); only `CONDUCTING` elements connect nodes."""
+        """Index of the connected component of every node, shape (nodes,); only `CONDUCTING` elements connect nodes."""
         return label_components(np.concatenate([self.ends[kind] for kind in CONDUCTING]), self.node_count)
 
     @cached_property
@@ -268,6 +272,7 @@ class Circuit:
         Returns
         -------
         str
+            For a deck ``room.cir:4``; for a netlist of a space ``cells (0, 1), (0, 2)``, else the names of the nodes.
         """
         if not self.is_deck:
             return self.place_of_nodes(np.unique(self.ends[kind][element]))
@@ -275,7 +280,7 @@ class Circuit:
         return f"{self.files[file]}:{line}"
 
     def place_of_nodes(self, nodes: NDArray[np.integer[Any]]) -> str:
-        """Return ``file:line`` of the first element at some nodes of a deck; for a netlist, their cells or names."""
+        """Return ``file:line`` of the first element at `nodes` of a deck; for a netlist, at most 5 cells or names."""
         if self.given is None:
             return next((f"{self.files[file]}:{line}" for file, line in self.places_at(nodes).tolist()), self.path)
         found = self.given.space_map
@@ -287,7 +292,7 @@ class Circuit:
         return f"cell{'s' if len(cells) > 1 else ''} {some(places, len(cells))}"
 
     def places_at(self, nodes: NDArray[np.integer[Any]]) -> NDArray[np.int64]:
-        """Return the places of the elements at nodes of a deck: sorted pairs (index into `files`, line), (lines, 2)."""
+        """Return the places (n, 2) of the elements at `nodes` of a deck, sorted: index into `files`, and line."""
         touched = np.zeros(self.node_count, dtype=np.bool_)
         touched[nodes] = True
         places = [place[touched[self.ends[kind]].any(axis=1)] for kind, place in self.place.items()]
@@ -295,7 +300,7 @@ class Circuit:
 
     @property
     def heating(self) -> float:
-        """Temperature minus nominal temperature, in kelvin; a temperature not in the deck is the dialect's default."""
+        """Temperature minus nominal temperature, in kelvin, each by default the dialect's nominal temperature."""
         usual = DIALECTS[self.dialect].nominal_temperature if self.dialect in DIALECTS else _NOMINAL_TEMPERATURE
         nominal = usual if self.nominal_temperature is None else self.nominal_temperature
         return (usual if self.temperature is None else self.temperature) - nominal
@@ -342,7 +347,7 @@ class Circuit:
         )
 
     def _refuse_inadmissible(self, resistance: NDArray[np.float64]) -> None:
-        """Raise InputError if a resistance is negative, not finite, or tiny (infinite reciprocal); (m,), in ohms."""
+        """Raise InputError if a resistance (m,), in ohms, is negative, not finite, or has an overflowing reciprocal."""
         with np.errstate(divide="ignore", over="ignore"):
             wrong = ~np.isfinite(resistance) | (resistance < 0) | ((resistance > 0) & ~np.isfinite(1.0 / resistance))
         if wrong.any():
@@ -356,7 +361,10 @@ class Circuit:
 
 
 def some(words: Sequence[str], count: int) -> str:
-    """Return the first 5 (`SHOWN`) words and the number of further words as text; `count`: number of all words."""
+    """Return the first 5 (`SHOWN`) of `words`, and the number of others, as text: ``a, b, c, d, e and 7 more``.
+
+    `words`: all words, or at least the first 5; `count`: number of all words.
+    """
     more = f" and {count - SHOWN:,} more" if count > SHOWN else ""
     return ", ".join(words[:SHOWN]) + more
 
@@ -369,8 +377,9 @@ def rebase(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64] | None, NDArray[np.float64] | None]:
     """Return resistance, tc1 and tc2 of resistors at a reference temperature that is higher by `heating`.
 
-    They are the coefficients of ``R (1 + tc1 d + tc2 d^2)`` expanded about ``d = heating``.  `resistance` (m,): in
-    ohms; `tc1, tc2` (m,): in 1/K and 1/K^2, None for zeros; `heating`: in kelvin, a scalar or (m,).
+    They are the coefficients of ``R (1 + tc1 d + tc2 d^2)`` expanded about ``d = heating``, with the temperature
+    difference ``d`` in kelvin.  `resistance` (m,): in ohms; `tc1, tc2` (m,): in 1/K and 1/K^2, None for zeros;
+    `heating`: in kelvin, a scalar or (m,).
     """
     if np.all(heating == 0) or (tc1 is None and tc2 is None):
         return resistance, tc1, tc2

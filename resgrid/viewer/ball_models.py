@@ -24,10 +24,10 @@ if TYPE_CHECKING:
     import viser
 
 ROBOT_BALL: Colour = (230, 159, 0)
-"""Colour of the moving ball."""
+"""Colour of the moving ball: red, green and blue from 0 to 255."""
 
 _BANDS = 24
-"""Number of colours that distinguish the heights of obstacles."""
+"""Number of ranges of equal height into which the grid is divided; each range of obstacles has a colour."""
 
 
 class BallModel:
@@ -46,10 +46,10 @@ class BallModel:
 
 
 def add_voxels(server: viser.ViserServer, space: ConfigurationSpace) -> None:
-    """Add the surface of the obstacles to a scene of viser, coloured by height.
+    """Add the surface of the obstacles, coloured by height, and the goal cells to a scene of viser.
 
-    The surface is that around the free cells that are connected to a goal. Its faces are visible from the front only,
-    so that the camera looks into closed rooms.
+    The surface consists of the faces between obstacles and goal or goal-connected cells. The faces are visible from the
+    front only, so that the camera looks into closed rooms.
     """
     block = block_of(space.axes)
     axes = [coarse_axis(axis, block) for axis in space.axes]
@@ -84,7 +84,10 @@ def _add_faces(
 
 
 def _tint(band: int) -> Colour:
-    """Return the colour of obstacles in a range of heights; `band`: number of the range, from 0 at the bottom."""
+    """Return the colour, red, green and blue from 0 to 255, of obstacles in a range of heights.
+
+    `band`: index of the range, from 0 at the bottom to `_BANDS` - 1.
+    """
     stops = np.array([rgb(colour) for colour in SURFACE], dtype=np.float64)
     place = (band + 0.5) / _BANDS * (len(stops) - 1)
     red, green, blue = (round(float(np.interp(place, np.arange(len(stops)), part))) for part in stops.T)

@@ -29,7 +29,7 @@ _HOST = "127.0.0.1"
 """Address of the server: only this computer has access."""
 
 _DIRECTION = np.array([1.0, -1.3, 0.8])
-"""Vector from the middle of the view to the camera, as a multiple of the extent of the view."""
+"""Vector in world axes from the middle of the view to the initial camera, as a multiple of the extent of the view."""
 
 
 class Viewer:
@@ -155,7 +155,7 @@ def _require_voxel_world(space: ConfigurationSpace) -> None:
 
 
 def _task(shown: Scene | Streamline, space: ConfigurationSpace | None) -> ArmPlan | PointPlan:
-    """Return the start, goal and solved space that a view shows.
+    """Solve the space that a view shows, and return the space with start and goal.
 
     `shown`: scene, or path of a point or a ball; `space`: space of the scene, None to build it.
     """

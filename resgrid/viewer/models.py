@@ -27,7 +27,7 @@ SOLID: Colour = (150, 150, 150)
 """Colour of obstacles: red, green and blue from 0 to 255."""
 
 HIDDEN: Colour = (185, 107, 107)
-"""Colour of hidden obstacles: red, green and blue from 0 to 255."""
+"""Colour of obstacles that the planner does not know (hidden): red, green and blue from 0 to 255."""
 
 _ABOVE = 0.001
 """Height of the grid above the floor in metres, so that the grid stays visible."""
@@ -36,7 +36,9 @@ _PLANE = 0.4
 """Opacity, 0 to 1, of the border planes of obstacles that are half-spaces."""
 
 _BEYOND = 1.2
-"""Distance from the base within which border planes of half-spaces are shown, as a multiple of the robot's reach."""
+"""Half the side of a cube around the robot's base in which the border planes of half-spaces are shown, as a multiple of
+the robot's reach.
+"""
 
 _GHOST = 0.35
 """Opacity, 0 to 1, of the robot at start and goal."""
@@ -45,7 +47,8 @@ _GHOST = 0.35
 class ArmModel:
     """An arm that can be moved, in a 3-D scene of the package viser.
 
-    `name`: name of its node in the scene; `opacity`: 0 to 1, None for an opaque robot.
+    `name`: name of the arm's node in the scene; `colour`: red, green and blue from 0 to 255; `opacity`: 0 to 1, None
+    for an opaque arm; with an opacity, the links that do not move are not shown.
     """
 
     def __init__(
@@ -62,7 +65,7 @@ class ArmModel:
             _add_mesh(server, f"/{name}/{place}/{number}_{surface.name}", surface, colour, opacity)
 
     def move(self, pose: NDArray[np.float64]) -> None:
-        """Show the arm in a configuration `pose` (ndim,)."""
+        """Show the arm in a configuration `pose` (ndim,), in radians or metres per joint."""
         poses = self.robot.tree.frames(pose.reshape(1, -1))[0]
         for frame, matrix in zip(self._frames, poses, strict=True):
             frame.wxyz, frame.position = _quaternion(matrix[:3, :3]), matrix[:3, 3]
@@ -73,7 +76,7 @@ class ArmModel:
 
 
 def add_surroundings(server: viser.ViserServer, scene: Scene, robot: URDFRobot) -> None:
-    """Add obstacles, hidden obstacles, goal regions and a grid on the floor to a scene of viser."""
+    """Add the obstacles, hidden obstacles and goal regions of `scene`, and a grid on the floor, to a scene of viser."""
     reach, base = robot.reach, robot.tree.placement[0, :3, 3]
     low, high = (tuple((base + sign * _BEYOND * reach).tolist()) for sign in (-1.0, 1.0))
     kinds: tuple[tuple[Sequence[Shape], str, Colour, float | None], ...] = (
@@ -96,8 +99,8 @@ def add_surroundings(server: viser.ViserServer, scene: Scene, robot: URDFRobot) 
 def _add_mesh(server: viser.ViserServer, name: str, surface: Surface, colour: Colour, opacity: float | None) -> None:
     """Add a surface to a scene of viser.
 
-    `name`: name of its node; `colour`: red, green and blue from 0 to 255; `opacity`: 0 to 1, None for an opaque
-    surface.
+    `name`: name of the surface's node in the scene; `colour`: red, green and blue from 0 to 255; `opacity`: 0 to 1,
+    None for an opaque surface.
     """
     server.scene.add_mesh_simple(
         name, surface.points.astype(np.float32), surface.triangles, color=colour, opacity=opacity, side="double",
@@ -106,14 +109,14 @@ def _add_mesh(server: viser.ViserServer, name: str, surface: Surface, colour: Co
 
 
 def add_ghosts(server: viser.ViserServer, robot: URDFRobot) -> tuple[ArmModel, ArmModel]:
-    """Return pale models of an arm at the start and at the goal, added to a scene of viser."""
+    """Add translucent models of an arm, for its start and its goal, to a scene of viser, and return them."""
     return ArmModel(server, robot, "start", START, _GHOST), ArmModel(server, robot, "end", END, _GHOST)
 
 
 def add_line(server: viser.ViserServer, points: NDArray[np.float64]) -> Any:
-    """Draw the path of the tool in a scene of viser, in place of an earlier one; return its node.
+    """Draw the path of the tool in a scene of viser, in place of an earlier path; return the node of the line.
 
-    `points` (n, 3): in world coordinates.
+    `points` (n, 3): places of the tool along the path, in world coordinates.
     """
     segments = np.stack([points[:-1], points[1:]], axis=1).astype(np.float32)
     return server.scene.add_line_segments("/path", segments, PATH, thickness=3.0, thickness_units="screen")

@@ -19,10 +19,10 @@ if TYPE_CHECKING:
     import viser
 
 _RATE = 30.0
-"""Number of times per second that the robot is moved on while the motion plays."""
+"""Number of pictures of the moving robot per second while the motion plays."""
 
 _UNTIMED_SECONDS = 5.0
-"""Duration of the display of a path that has no times, in seconds."""
+"""Time in which a whole path without times is played, in seconds."""
 
 _STEPS = 400
 """Number of steps of a slider from one end to the other."""
@@ -36,7 +36,7 @@ Model = ArmModel | BallModel
 class Panel:
     """The controls of a 3-D view, and the threads that plan after changes and play the motion.
 
-    `task`: solved space with start and goal, which only these controls change.
+    `task`: solved space with start and goal, which no other object may change.
     """
 
     def __init__(self, server: viser.ViserServer, task: ArmPlan | PointPlan) -> None:
@@ -70,7 +70,7 @@ class Panel:
         return (ArmModel(server, task.robot, "robot", ROBOT), *add_ghosts(server, task.robot))
 
     def close(self) -> None:
-        """End the threads; the result of a computation that still runs is dropped."""
+        """End the threads; the result of a computation that still runs is not shown."""
         with self._display:
             self._closed.set()
         self._changed.set()
@@ -102,7 +102,7 @@ class Panel:
     def _joint_slider(self, which: str, number: int, value: float) -> Any:
         """Return a new slider for one joint or coordinate.
 
-        `which`: "start" or "goal"; `number`: index of the joint; `value`: initial value.
+        `which`: "start" or "goal"; `number`: index of the joint or coordinate; `value`: initial value, in axis units.
         """
         axis = self.task.axes[number]
         step = (axis.upper - axis.lower) / _STEPS
@@ -120,7 +120,7 @@ class Panel:
     def _slid(self, which: str, event: Any) -> None:
         """Plan again after a user has moved a slider; ignore values that the program has set.
 
-        `which`: "start" or "goal"; `event`: event of viser, whose `client_id` is None for the program.
+        `which`: "start" or "goal"; `event`: event of viser, whose `client_id` is None if the program set the value.
         """
         if event.client_id is not None:
             self._ask(which, self._pose_of(which))
@@ -149,9 +149,10 @@ class Panel:
             slider.value = float(value)
 
     def _ask(self, which: str, pose: NDArray[np.float64]) -> None:
-        """Request a path for a new start or goal; of requests during a computation, only the last one is computed.
+        """Request a path for a new start or goal.
 
-        `which`: "start" or "goal"; `pose` (ndim,): configuration.
+        During a computation, a new start replaces a start that still waits, and so does a new goal.  `which`: "start"
+        or "goal"; `pose` (ndim,): configuration.
         """
         self._place(which, pose)
         with self._lock:

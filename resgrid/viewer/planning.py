@@ -25,19 +25,26 @@ from resgrid.robots import URDFRobot
 from resgrid.scene.scene import Scene
 
 _FRAMES = 600
-"""Number of configurations along a path that the view shows."""
+"""Number of configurations into which a path is divided for the slider of the view."""
 
 _CLEARANCE_STEP = 0.02
 """Largest motion of any point of the robot between two configurations whose clearance is computed, in metres."""
 
 _ITERATIONS = 40
-"""Largest number of iterations of the inverse kinematics that moves the tool to a dragged handle."""
+"""Largest number of iterations of the inverse kinematics that moves the tool to a dragged handle.
+
+After these, or once all joints change by less than 1e-5, the last configuration is used.
+"""
 
 _DAMPING = 0.05
-"""Damping of the least-squares step of the inverse kinematics, in metres, which limits steps near singularities."""
+"""Damping ``d`` of the step ``J^T (J J^T + d^2 I)^-1 e`` of the inverse kinematics, in metres.
+
+``J`` is the Jacobian of the tool's place, and ``e`` the vector from the tool to the handle.  The damping limits steps
+near singularities.
+"""
 
 _LONGEST = 0.3
-"""Largest change of a joint in one iteration of the inverse kinematics, in radians or metres."""
+"""Largest magnitude of the change of a joint in one iteration of the inverse kinematics, in radians or metres."""
 
 
 _CENTRE = np.array([0.0, 0.0, 0.3])
@@ -49,7 +56,8 @@ class Motion:
     """A path as a sequence of configurations with an outcome.
 
     `configurations` (n, ndim): in world coordinates; `times` (n,): ascending, in seconds, or from 0 to 1 for a path
-    without times; `is_timed`: whether they are seconds; `text`: outcome, length and clearance, as Markdown.
+    without times; `is_timed`: whether `times` are seconds; `text`: outcome with length, clearance and duration or the
+    reason, as Markdown.
     """
 
     configurations: NDArray[np.float64]
@@ -122,7 +130,7 @@ class ArmPlan:
         return 0.2 * min(1.0, self.robot.reach)
 
     def places(self, configurations: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the places (n, 3) of the tool in configurations (n, ndim)."""
+        """Return the places (n, 3) of the tool in the world, in metres, for configurations (n, ndim)."""
         return self.robot.reference_point(configurations)
 
     def set_goal(self, goal: NDArray[np.float64]) -> None:
@@ -131,7 +139,10 @@ class ArmPlan:
         self.planner = plan(with_goal(self.planner.space, goal), self.wiring, k=self.k)
 
     def motion(self) -> Motion:
-        """Return the path from the start as a motion; a motion that stays at the start if no path reaches a goal."""
+        """Return the shortened path from the start as a motion, with times if the joints have velocity limits.
+
+        If no path reaches a goal, the motion stays at the start.
+        """
         path = self.planner.path(self.start)
         if path.outcome is not Outcome.REACHED:
             return self.resting(failure_text(path))
@@ -220,9 +231,9 @@ class Task(Protocol):
 
 
 def answer(task: Task, goal: NDArray[np.float64] | None) -> Motion:
-    """Return the motion of a task, after a change of its goal if `goal` is not None.
+    """Return the motion of a task to the goal `goal` (ndim,), or for None to the goals that the task has.
 
-    An error of resgrid gives a motion that stays at the start and contains the message.
+    After an error of resgrid, the motion stays at the start and contains the message of the error.
     """
     try:
         if goal is not None:

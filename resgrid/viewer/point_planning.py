@@ -18,10 +18,10 @@ from resgrid.scene.scene import Scene
 from resgrid.viewer.planning import Motion, failure_text, farthest_start, with_goal
 
 _FRAMES = 600
-"""Number of places along a path that are shown."""
+"""Number of equally spaced places along a path that the slider of the view shows, besides the points of the path."""
 
 _BALL = 0.3
-"""Smallest radius of the ball that shows the robot, in cell widths."""
+"""Smallest radius of the ball that shows the robot, as a multiple of the smallest cell width."""
 
 
 class PointPlan:
@@ -60,7 +60,7 @@ class PointPlan:
 
     @classmethod
     def of_path(cls, path: Streamline) -> PointPlan:
-        """Return the solved space of a path, with the start of the path as start."""
+        """Return a newly solved space of a path's field, with the first point of the path as start."""
         wiring, k = path.field.wiring, path.field.k
         blended = k if 0.0 < k < 1.0 else None
         return cls(plan(path.space, wiring, k=blended), wiring, blended, path.points[0], "")
@@ -119,7 +119,10 @@ class PointPlan:
         self.planner = plan(with_goal(self.space, goal), self.wiring, k=self.k)
 
     def motion(self) -> Motion:
-        """Return the path from the start at constant speed; without a path, a motion that stays at the start."""
+        """Return the path from the start as a motion at constant speed, without times in seconds.
+
+        If no path reaches a goal, the motion stays at the start.
+        """
         path = self.planner.path(self.start)
         if path.outcome is not Outcome.REACHED:
             return self.resting(failure_text(path))

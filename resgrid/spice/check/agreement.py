@@ -27,8 +27,8 @@ class Agreement:
     reference : {"sidecar", "scene", "solve"}
         Source of the expected voltages: the deck's sidecar, a scene, or a solution by resgrid of the circuit as read.
     agrees : bool or None
-        Whether the deck was run and the comparison has no finding.  None if the simulator found no operating point, or
-        if there is no finding but another deck was run in place of this one.
+        True if the deck itself was run, at least one node was compared, and there is no finding.  None if the simulator
+        found no operating point, or if there is no finding but another deck was run in place of this one; else False.
     verified : bool
         Whether the simulator ran the deck's own bytes (only the analyses are replaced) and returned an operating point.
     max_abs_error : float or None
@@ -43,9 +43,11 @@ class Agreement:
     tolerance : float
         Largest relative error that still agrees.
     findings : tuple of str
-        One message for each difference, with its place; empty if there is no difference.
+        Messages about differences above the tolerance (at most 5 nodes and 5 voltage sources), about names that only
+        one side has, about altered files, and of the simulator; empty if there are none.
     worst : tuple of (str, float, float)
-        Node, expected and simulated voltage in volts, for at most 5 nodes, the largest differences first.
+        Node, expected and simulated voltage in volts, for at most 5 nodes, the largest differences first; nodes without
+        a difference are not listed.
     remark : str
         Note on the comparison, or empty; if `verified` is False, the reason.
     as_read : Agreement or None
@@ -88,10 +90,10 @@ def compare(
 ) -> Agreement:
     """Return the comparison of simulated with expected voltages and currents.
 
-    `expected`: expected values and the scales of their errors; `simulation`: result of the simulator; `tolerance`:
-    largest accepted error relative to the scale; `reference`: source of the expected values, "sidecar", "scene" or
-    "solve" (solution by resgrid); `findings`: findings of earlier tests, which come first in the result; `place_of`:
-    function that returns the place of a node in the deck (``file:line: ``, or empty) by the node's name.
+    `expected`: expected values, and the scales of voltage and of current errors; `simulation`: result of the simulator;
+    `tolerance`: largest accepted error divided by its scale; `reference`: source of the expected values, "sidecar",
+    "scene" or "solve" (solution by resgrid); `findings`: findings of earlier tests, which come first in the result;
+    `place_of`: function that returns the place of a node in the deck (``file:line: ``, or empty) by the node's name.
     """
     error = _errors(expected.voltage, simulation.voltage)
     largest = next(iter(error.values()), np.inf)
@@ -130,11 +132,11 @@ def compare(
 
 
 def _errors(expected: Mapping[str, float | None], got: Mapping[str, float]) -> dict[str, float]:
-    """Return the absolute differences between expected and simulated values, by name, the largest first.
+    """Return the magnitudes of the differences between expected and simulated values, by name, the largest first.
 
-    The result has the names that both mappings contain with a value other than None.  `expected`: expected value by
-    name, in volts or amperes, None if undetermined; `got`: simulated value by name.  A difference that is NaN becomes
-    infinite.
+    Names that only one mapping has, and undetermined values, are left out.  `expected`: expected value by name, in
+    volts or amperes, None if undetermined; `got`: simulated value by name, in the same unit.  A difference that is NaN
+    becomes infinite.
     """
     error_of = {name: abs(got[name] - value) for name, value in expected.items() if name in got and value is not None}
     finite = {name: error if error < np.inf else np.inf for name, error in error_of.items()}
@@ -160,7 +162,7 @@ def unverified(agreement: Agreement, why: str) -> Agreement:
     """Return the result for a deck that was not run, from the comparison of a deck that was written in its place.
 
     `agreement`: comparison of the deck that was run, which becomes the attribute `as_read` of the result; `why`: reason
-    why the original deck was not run.
+    for which the original deck was not run.  The result disagrees if `agreement` does; otherwise `agrees` is None.
     """
     return replace(
         agreement,

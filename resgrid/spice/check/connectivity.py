@@ -14,14 +14,14 @@ from resgrid.spice.circuit import CONDUCTING, SHOWN, Circuit, some
 from resgrid.spice.findings import Severity, Violation
 
 _MOST = 10
-"""Maximum number of floating components, and of contradictory loops, that are reported separately.
+"""Maximum number of floating components of a deck, and of contradictory loops, that each have a violation of their own.
 
-Further floating components are reported together; further contradictory loops are not reported.
+Further floating components have one violation together; further contradictory loops are not reported.
 """
 
 
 def ground(circuit: Circuit) -> Iterator[Violation]:
-    """Yield an error if no resistor, nonlinear resistor or voltage source touches ground."""
+    """Yield a violation of severity "error" if no resistor, nonlinear resistor or voltage source touches ground."""
     if not any((circuit.ends[kind] == GROUND).any() for kind in CONDUCTING):
         yield Violation(
             "error",
@@ -64,7 +64,8 @@ def _floating_violation(
 ) -> Violation:
     """Return the violation for floating nodes, an error in a deck and a warning in a netlist.
 
-    `nodes` (n,): node numbers; `by_capacitor`: whether capacitors touch the nodes; `heading`: beginning of the message.
+    `nodes` (n,): node numbers; `by_capacitor`: whether a capacitor touches their component; `heading`: beginning of the
+    message.
     """
     many = nodes.size > 1
     names = f" ({circuit.shown(nodes)})" if circuit.is_deck else ""
@@ -101,7 +102,7 @@ def _element_violation(
 
 
 def trapped_currents(circuit: Circuit) -> Iterator[Violation]:
-    """Yield an error if current sources drive a floating component, from which no current can return."""
+    """Yield a violation of severity "error" if current sources drive a floating component without a return path."""
     trapped = circuit.trapped_sources
     if trapped.size:
         drive = "drives" if trapped.size == 1 else "drive"
@@ -118,8 +119,8 @@ class Loops:
     element closes a loop if its nodes are connected already.
 
     `sources, inductors, shorts`: indices of the voltage sources, the inductors (indices of voltage sources, too) and
-    the resistors that close a loop with a voltage sum of zero; `contradictions`: kind and index of each element whose
-    voltage contradicts the loop, and the difference in volts.
+    the resistors that close a loop with a voltage sum of zero; `contradictions`: a tuple for each element that closes a
+    loop with another voltage sum: kind ("voltage source" or "resistor"), index, and this sum in volts.
     """
 
     sources: NDArray[np.int64]
@@ -129,7 +130,7 @@ class Loops:
 
 
 def loops_of(circuit: Circuit) -> Loops:
-    """Return the elements that close loops of voltage sources; resistors of 0 ohm are sources of 0 V here."""
+    """Return the elements that close loops of voltage sources, where resistors of 0 ohm count as sources of 0 V."""
     zero = np.flatnonzero(circuit.resistance == 0)
     sources = len(circuit.source_volts)
     order = np.argsort(circuit.is_inductor, kind="stable")
@@ -150,12 +151,13 @@ def loops_of(circuit: Circuit) -> Loops:
 def loop_voltages(
     ends: NDArray[np.int32], volts: NDArray[np.float64], node_count: int
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return the mismatch of every voltage source in volts, and the masks of sources that close loops or contradict.
+    """Return the mismatch of every voltage source, the mask of sources that close loops, and that of contradictions.
 
     Sources, taken in their order, form a spanning forest.  A source closes a loop if its nodes are connected in the
-    forest.  Its mismatch is its voltage minus the voltage between these nodes in the forest; it contradicts if the
-    mismatch exceeds rounding errors.  `ends` (sources, 2): plus and minus nodes; `volts` (sources,): voltages;
-    `node_count`: number of nodes; returns three arrays (sources,).
+    forest.  Its mismatch is its voltage minus the voltage between these nodes in the forest, in volts; it contradicts
+    the other sources if the mismatch exceeds rounding errors.  The mask of contradictions is a part of the first mask.
+    `ends` (sources, 2): plus and minus nodes; `volts` (sources,): voltages; `node_count`: number of nodes.  All results
+    have the shape (sources,).
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import minimum_spanning_tree
@@ -216,9 +218,9 @@ def shorted(circuit: Circuit) -> Iterator[Violation]:
 
 
 def dangling(circuit: Circuit) -> Iterator[Violation]:
-    """Yield a note of severity "info" if at some nodes only one element ends, so that the element carries no current.
+    """Yield a violation of severity "info" if some nodes have only one element, which therefore carries no current.
 
-    Floating nodes and ground do not count.
+    Floating nodes and ground are not among these nodes.
     """
     loose = (circuit.degree == 1) & ~circuit.is_floating
     nodes = np.flatnonzero(loose[1:]) + 1  # ground may be touched once

@@ -32,8 +32,8 @@ from resgrid.spice.write.sidecar import Sidecar, altered_files, expect, read_sid
 class _Limits:
     """Settings of one check.
 
-    `engine`: name of the simulator engine; `tolerance`: largest accepted error relative to the supply; `timeout`:
-    longest run, in seconds.
+    `engine`: name of the simulator engine, "ngspice" or "eecircuit"; `tolerance`: largest accepted voltage error,
+    relative to the supply (the largest voltage difference in the circuit); `timeout`: longest run, in seconds.
     """
 
     engine: str
@@ -84,7 +84,8 @@ def check_deck(
     deck : path-like, Circuit, Netlist or OperatingPoint
         A deck's file, or a circuit.
     tolerance : float
-        Largest accepted voltage error relative to the supply (the largest voltage difference in the circuit).
+        Largest accepted voltage error relative to the supply (the largest voltage difference in the circuit), and
+        largest accepted error of a source current relative to the largest source current.
     reference : OperatingPoint, optional
         Expected operating point, in place of the sidecar's voltages: that of the scene for a deck written by resgrid,
         that of the circuit itself for a `Circuit` that was read.  The hash in a sidecar is compared in either case.
@@ -143,7 +144,7 @@ def check_deck(
 
 
 def _refuse_for_memristors(reference: OperatingPoint | None, engine: str) -> None:
-    """Raise InputError for a reference or an engine that the check of a transient with memristors cannot use."""
+    """Raise InputError if `reference` is given or `engine` is not ngspice, for the check of a deck with memristors."""
     if reference is not None:
         raise InputError(
             "a deck with memristors is compared with the transient in its sidecar, not with an operating point; leave "
@@ -158,9 +159,9 @@ def _check_own(
 ) -> Agreement:
     """Return the comparison of the simulation of a deck, which resgrid wrote, with its sidecar or a scene's solution.
 
-    `path, data`: path and content of the deck; `sidecar`: content of the sidecar, None without a sidecar; `reference`:
-    solution of the scene, None to compare with the sidecar; `dialect`: name of the dialect of a deck without sidecar,
-    or "auto" for that of ngspice; `limits`: settings of the check.
+    `path, data`: path and content of the deck; `sidecar`: content of the sidecar, None without a sidecar (then
+    `reference` is given); `reference`: solution of the scene, None to compare with the sidecar; `dialect`: name of the
+    dialect of a deck without sidecar, or "auto" for that of ngspice; `limits`: settings of the check.
     """
     name = dialect_named((SIMULATED if dialect == "auto" else dialect) if sidecar is None else sidecar.dialect).name
     findings = [] if sidecar is None else altered_files(data, sidecar)
@@ -199,9 +200,10 @@ def _check_external(
 ) -> Agreement:
     """Return the comparison of the simulation of a deck that resgrid did not write with the solution by resgrid.
 
-    `deck`: circuit that was read from the deck; `data`: content of the deck's file, None without a file; `op`: the
-    solution, None to compute it; `limits`: settings of the check; `root`: folder that must contain all included files,
-    None for the deck's folder.
+    If the results differ, a prediction of this difference by the portability check is added to the findings.  `deck`:
+    circuit that was read from the deck; `data`: content of the deck's file, None without a file; `op`: operating point
+    by resgrid, None to compute it; `limits`: settings of the check; `root`: folder that must contain all included
+    files, None for the deck's folder.
     """
     op = solve(deck.netlist()) if op is None else op
     job = runnable(deck, data, root=None if root is None else Path(root), engine=limits.engine)

@@ -22,9 +22,9 @@ from resgrid.spice.dialects.record import ReadingRules
 from resgrid.spice.findings import SEVERITIES, Note, Severity, Violation
 
 WIDEST_SPREAD = 1e15
-"""Largest ratio of two resistances in a circuit without a warning.
+"""Largest ratio of two positive resistances in a circuit for which the rule check yields no warning.
 
-Beyond this ratio, double precision no longer resolves the currents of the largest resistances.
+Beyond this ratio, double precision no longer resolves the currents through the largest resistances.
 """
 
 SMALLEST_SAFE, LARGEST_SAFE = 1e-5, 1e12
@@ -63,7 +63,8 @@ class _Limit(NamedTuple):
     """A rule on the values of resistances.
 
     `severity, rule`: severity and name of the violation; `is_beyond`: function of resistances (n,) in ohms that returns
-    the mask of the violations; `message`: text with the fields ``count`` and ``shown``; `remedy`: the correction.
+    the mask of the violations; `message`: template with the fields ``count`` (number of violations) and ``shown``
+    (names and values of the first ones); `remedy`: sentence that states the correction.
     """
 
     severity: Severity
@@ -124,7 +125,8 @@ def limits(circuit: Circuit) -> Iterator[Violation]:
     """Yield at most one violation per rule for resistances that a simulator cannot use or changes.
 
     Negative resistances, and resistances that are infinite or have an infinite reciprocal, are errors; 0 ohm is a
-    warning; resistances below `SMALLEST_SAFE` or above `LARGEST_SAFE` have the severity "info".
+    warning; nonzero resistances with a magnitude below `SMALLEST_SAFE` or above `LARGEST_SAFE` have the severity
+    "info".
     """
     for limit in _LIMITS:
         beyond = np.flatnonzero(limit.is_beyond(circuit.resistance))
@@ -159,9 +161,10 @@ def spread(circuit: Circuit) -> Iterator[Violation]:
 class _Trap(NamedTuple):
     """A class of node names that some simulators misread.
 
-    `pattern`: regular expression for the whole name, case ignored; `severity`: at most a warning, because written decks
-    rename such nodes; `message, remedy`: texts of the violation; ``message`` may have the field ``simulators``;
-    `misreads`: whether a dialect with the given rules misreads such names.
+    `pattern`: regular expression for the whole name, case ignored; `severity`: "warning" or "info", but not "error",
+    because written decks rename such nodes; `message, remedy`: texts of the violation; ``message`` may have the field
+    ``simulators``; `misreads`: function of the reading rules of a dialect that returns whether its simulator misreads
+    such names.
     """
 
     pattern: str
@@ -216,7 +219,7 @@ _TRAPS = (
 
 
 def name_clashes(circuit: Circuit) -> Iterator[Violation]:
-    """Yield a violation for each kind of element, and for nodes of a netlist, if names are equal except for case.
+    """Yield a violation for each kind of element, and for nodes of a netlist, with names that differ at most in case.
 
     The violation is an error in a deck, and a warning for a netlist, because written decks append numbers to the names.
     """
@@ -301,7 +304,7 @@ def _simulators(trap: _Trap) -> str:
 
 
 def _notes(circuit: Circuit) -> Iterator[Violation]:
-    """Yield the notes of the deck reader (`Circuit.notes`) as violations of the rule "reading", of equal severity."""
+    """Yield every note of the deck reader (`Circuit.notes`) as a violation of the rule "reading", with its severity."""
     for note in circuit.notes:
         remedy = "check whether this is intended" if note.severity != "info" else "nothing to do"
         yield Violation(note.severity, "reading", note.place, note.text, remedy)

@@ -43,7 +43,7 @@ class Runnable:
 
     `data`: content of the deck, with the operating point as its only analysis; `why`: empty if `data` is the original
     deck, otherwise the reason why `data` is a flat deck written from the circuit; `files`: content of the included
-    files by their paths relative to the working folder; `place`: relative path of the deck.
+    files by their paths relative to the simulator's working folder; `place`: path of the deck relative to this folder.
     """
 
     data: bytes
@@ -55,10 +55,10 @@ class Runnable:
 def runnable(deck: Circuit, data: bytes | None, *, root: Path | None, engine: str) -> Runnable:
     """Return a safe simulator input for a deck, with the operating point as the only analysis.
 
-    Lines of analyses and outputs are removed; all other lines are kept byte for byte, in their own files.  A deck that
-    is not safe to run is replaced by a flat deck of the circuit.  `data`: content of the deck's file, None without a
-    file; `root`: folder that must contain all included files, None for the deck's own folder; `engine`: name of the
-    engine.
+    Lines of analyses and outputs are replaced by comments; all other lines are kept byte for byte, in their own files.
+    A deck that is not safe to run, that the engine cannot run, or that has no file is replaced by a flat deck of the
+    circuit.  `data`: content of the deck's file, None without a file; `root`: folder that must contain all included
+    files, None for the deck's own folder; `engine`: name of the engine.
     """
     path = Path(deck.path).resolve()
     root = path.parent if root is None else root.resolve()
@@ -83,8 +83,9 @@ def rewritten(deck: Circuit) -> bytes:
 def _safe_files(deck: Circuit, path: Path, data: bytes, root: Path, engine: str) -> dict[str, bytes]:
     """Return the content of all included files, by path relative to `root`; raise InputError for an unsafe deck.
 
-    `deck, path, data`: circuit, path and content of the deck; `root`: folder that must contain the included files;
-    `engine`: name of the engine.
+    Without included files the result is empty.  A deck is also rejected if it is written for another dialect, or if the
+    engine cannot read included files.  `deck, path, data`: circuit, path and content of the deck; `root`: folder that
+    must contain the included files; `engine`: name of the engine.
     """
     if not deck.is_deck:
         raise InputError("it is not a deck, and no simulator reads it")
@@ -111,7 +112,7 @@ def _only_operating_point(data: bytes) -> bytes:
 
 
 def _without_analyses(rows: Iterable[bytes]) -> Iterator[bytes]:
-    """Yield the lines of a deck, with the comment ``*`` in place of each line of an analysis or output."""
+    """Yield the lines `rows` of a deck, with the comment ``*`` in place of each line of an analysis or output."""
     dropping = False
     for row in rows:
         word = row.lstrip()
@@ -124,7 +125,7 @@ def _gather_includes(deck: Path, data: bytes, root: Path) -> dict[str, bytes]:
     """Return the content of every file that a simulator may include, by path relative to `root`.
 
     `deck, data`: path and content of the deck, which is not part of the result; `root`: folder that must contain all
-    files.  Raises InputError for a file that could run commands, and for more than 200 files.
+    files.  Raises InputError for a file that could run commands or lies outside `root`, and for more than 200 files.
     """
     files: dict[str, bytes] = {}
     todo = [(deck, data)]
@@ -193,7 +194,7 @@ def _places(name: str, path: Path, root: Path) -> Iterator[Path]:
 
 
 def expected_of(deck: Circuit, op: OperatingPoint, *, as_written: bool) -> Expected:
-    """Return the expected voltages and source currents by the names that the simulator uses.
+    """Return the expected voltages and source currents of a deck by the names that the simulator uses.
 
     `deck`: the circuit that was read; `op`: its operating point; `as_written`: whether the simulator runs the file of
     the deck itself, and not a deck written from the circuit.

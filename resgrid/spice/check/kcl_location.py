@@ -13,20 +13,23 @@ from resgrid.spice.read.deck import read_with
 from resgrid.spice.write.sidecar import Expected
 
 _MAX_FINDINGS = 5
-"""Maximum number of messages of a test, in total and of each kind."""
+"""Maximum number of messages of `inspect_deck`, in total and for each kind of contradiction."""
 
 _OPTIONS = {"reltol", "abstol", "vntol"}
 _ROUNDING = 64 * np.finfo(np.float64).eps
-"""Rounding error of a voltage difference that is allowed, as a fraction of the sum of both voltage magnitudes."""
+"""Rounding error of the voltage difference of an element that is accepted without a message, as a fraction of the sum
+of the magnitudes of both node voltages.
+"""
 
 
 def inspect_deck(data: bytes, expected: Expected, tolerance: float) -> list[str]:
     """Return messages with line numbers about elements of a flat deck that contradict its expected voltages.
 
-    `data`: content of the deck; `expected`: expected results; `tolerance`: largest accepted error, relative to the
-    supply voltage (for sources) or to the current through a node.  The result has at most 5 messages.  Kirchhoff's
-    current law is evaluated at every node with the deck's own values and the expected voltages.  This detects a changed
-    element even where the node voltages hardly change.
+    Kirchhoff's current law is evaluated at every node with the deck's own values and the expected voltages.  This
+    detects a changed element even where the node voltages hardly change.  Changed options, unknown nodes and missing
+    nodes are reported, too.  The result has at most 5 messages; it is empty if nothing contradicts.  `data`: content of
+    the deck; `expected`: expected results; `tolerance`: largest accepted error, relative to the supply (for voltage
+    sources) or to the sum of the magnitudes of the currents at a node.
     """
     try:
         circuit = read_with(io.BytesIO(data), dialect="ngspice")

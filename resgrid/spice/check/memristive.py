@@ -87,7 +87,10 @@ def _altered(path: Path, data: bytes, commands: Path, sidecar: MemristiveSidecar
 
 
 def _at_times(raw: RawFile, times: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
-    """Return the voltages of a transient at the given times, by name of the node, by monotone cubic interpolation."""
+    """Return the voltages of a transient at given times (n,) in seconds, by name of the node, as arrays (n,) in volts.
+
+    The values between the simulator's times are interpolated by monotone cubic polynomials.
+    """
     instant = np.asarray(raw.values[:, list(raw.kinds).index("time")], dtype=np.float64)
     keep = np.append(np.diff(instant) > 0, True)
     found = {}

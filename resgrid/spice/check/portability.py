@@ -32,11 +32,11 @@ Outcome = Literal["right", "wrong", "fails", "unsure"]
 _Result = tuple[Outcome, float | None, str | None, tuple[str, ...]]
 
 _LARGEST = 300_000
-"""Largest number of nodes of a deck for which voltage errors are computed; larger decks get reasons only."""
+"""Largest number of nodes of a deck whose voltage errors are computed; predictions for larger decks have none."""
 _SAFE_SPREAD = 1e12
 """Ratio of the largest to the smallest resistance of a circuit above which the outcome is "unsure", not "right"."""
 _ROUNDING = 2.0**-52
-"""Relative spacing of double-precision numbers (machine epsilon)."""
+"""Machine epsilon of double precision: relative rounding error that is assumed for a sum of conductances."""
 _SHOWN = 3
 """Maximum number of notes of the deck reader (`Circuit.notes`) among the reasons of one `Prediction`."""
 
@@ -52,7 +52,7 @@ class Prediction:
     simulator : str
         Name of the dialect.
     outcome : {"right", "wrong", "fails", "unsure"}
-        ``"wrong"``: the simulator returns wrong voltages without an error; ``"fails"``: it returns no result;
+        ``"wrong"``: the simulator returns wrong voltages without an error message; ``"fails"``: it returns no result;
         ``"unsure"``: its behaviour is not known, or depends on rounding errors.
     max_error : float or None
         Largest predicted voltage error, in volts; None if it was not computed.
@@ -93,8 +93,8 @@ class _Case:
     """A deck with the results that the predictions for all simulators need.
 
     `deck`: the circuit as read; `duplicates`: places (``file:line``) of element names that occur twice; `loops`: loops
-    of voltage sources in the deck; `voltage` (nodes,): correct node voltages, None if the deck has no operating point
-    or is too large.
+    of voltage sources in the deck; `voltage` (nodes,): correct node voltages, in volts, None if the deck has no
+    operating point or more than 300,000 nodes.
     """
 
     deck: Circuit
@@ -143,10 +143,10 @@ def check_portability(
 
 
 def _predict_netlist(quirks: Quirks, resistance: NDArray[np.float64], errors: list[Violation]) -> _Result:
-    """Return outcome, error (None), worst node (None) and reasons for a deck that resgrid would write of a netlist.
+    """Return "right", "fails" or "unsure", None, None and reasons for the deck that resgrid would write of a netlist.
 
-    Such a deck avoids the known pitfalls.  `quirks`: behaviour of the simulator; `resistance` (m,): in ohms; `errors`:
-    rule violations that prevent a deck.
+    The two None stand for error and worst node, which are not computed.  `quirks`: behaviour of the simulator;
+    `resistance` (m,): in ohms; `errors`: violations of severity "error", with which no deck can be written.
     """
     if errors:
         return "fails", None, None, (f"the netlist has no deck: {errors[0].message}",)
@@ -206,8 +206,8 @@ def _case_of(deck: Circuit, violations: Iterable[Violation]) -> _Case:
 def _predict_deck(quirks: Quirks, case: _Case) -> _Result:
     """Return outcome, error in volts or None, worst node or None, and reasons for a deck as a simulator reads it.
 
-    `quirks`: behaviour of the simulator; `case`: the deck.  The order of the tests is: defects at which the simulator
-    fails, changes of the circuit by the simulator, reasons for uncertainty.
+    The outcome is "fails" at defects that stop the simulator, else "wrong" if the simulator changes voltages, else
+    "unsure" if there are reasons for uncertainty, else "right".  `quirks`: the simulator's behaviour; `case`: the deck.
     """
     fatal = [
         f"a loop of voltage sources makes the matrix singular ({case.deck.place_of('voltage source', number)})"
@@ -247,7 +247,7 @@ def _predict_deck(quirks: Quirks, case: _Case) -> _Result:
 def _failing_loops(quirks: Quirks, case: _Case) -> list[int]:
     """Return the indices of the voltage sources that close a loop at which the simulator fails.
 
-    `quirks`: behaviour of the simulator; `case`: the deck with its loops of voltage sources.
+    `quirks`: behaviour of the simulator at loops, all or those tied to ground; `case`: the deck with its loops.
     """
     ends = case.deck.source_nodes
     closing = [int(number) for number in case.loops.sources]
@@ -260,9 +260,9 @@ def _failing_loops(quirks: Quirks, case: _Case) -> list[int]:
 
 
 def _uncertainties(quirks: Quirks, case: _Case, resistance: NDArray[np.float64]) -> tuple[str, ...]:
-    """Return the reasons, as sentences, why a simulator's result is uncertain; empty if it is certain.
+    """Return the reasons, as sentences, for which a simulator's result is uncertain; empty if the result is certain.
 
-    `resistance` (m,): resistances that the simulator uses, in ohms.
+    `quirks`: the simulator's behaviour; `case`: the deck; `resistance` (m,): that the simulator uses, in ohms.
     """
     uncertainties = _uncertain_spread(np.abs(case.deck.resistance)) or _cancellation(case.deck, np.abs(resistance))
     continues = quirks.loops == "fail at ground"
@@ -287,7 +287,7 @@ def _cancellation(deck: Circuit, size: NDArray[np.float64]) -> tuple[str, ...]:
     """Return a reason for uncertainty if elimination loses small conductances next to large ones, else an empty tuple.
 
     `size` (m,): magnitudes of the resistances, in ohms.  Gaussian elimination in a group of nodes that large
-    conductances join subtracts these conductances from diagonal entries that contain them.  The remainder is the
+    conductances connect subtracts these conductances from diagonal entries that contain them.  The remainder is the
     conductance that leaves the group, with the rounding error of the large conductances.
     """
     usable = (size > 0) & np.isfinite(size)
@@ -324,7 +324,7 @@ def _uncertain_spread(resistance: NDArray[np.float64]) -> tuple[str, ...]:
 
 
 def _elements_on_title_line(deck: Circuit) -> list[str]:
-    """Return the names of the elements on the first line of a deck, which simulators take for the title."""
+    """Return the names of elements that resgrid read from the first line, which simulators take for the title."""
     if deck.title is not None:
         return []
     first = ((kind, (place == [0, 1]).all(axis=1)) for kind, place in deck.place.items())
@@ -332,7 +332,7 @@ def _elements_on_title_line(deck: Circuit) -> list[str]:
 
 
 def _raised_resistances(quirks: Quirks, deck: Circuit) -> tuple[NDArray[np.float64], tuple[str, ...]]:
-    """Return the resistances (m,) in ohms that a simulator uses, and a sentence in a tuple if it raises any, or ()."""
+    """Return the resistances (m,) that a simulator uses, in ohms, and (reason,) if it raises small ones, else ()."""
     resistance, _, _ = rebase(deck.resistance, deck.tc1, deck.tc2, deck.heating)
     least, size = quirks.smallest_resistance, np.abs(resistance)
     if least is None:
@@ -378,7 +378,7 @@ def _option(deck: Circuit, name: str) -> float:
 
 
 def _simulated(deck: Circuit, lost: list[str], resistance: NDArray[np.float64], siemens: float) -> Netlist:
-    """Return the netlist that a simulator solves.
+    """Return the netlist that a simulator solves in place of the circuit `deck`.
 
     `lost`: names of the elements that the simulator omits; `resistance` (m,): resistances that it uses, in ohms;
     `siemens`: conductance that it adds from every node to ground, in siemens.

@@ -16,7 +16,7 @@ from resgrid.spice.dialects.record import Dialect
 from resgrid.spice.read.deck import read_with
 
 _MOST_BYTES = 20_000_000
-"""Largest total size of a deck's files that are read by the rules of further dialects, in bytes."""
+"""Largest total size of a deck's files, in bytes, with which these are read by the rules of other dialects, too."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,9 +58,9 @@ def first_difference(
 ) -> tuple[str, float] | None:
     """Return the node with the largest difference between its voltages in two readings of a file, and its magnitude.
 
-    `names`: the two circuits, for the node names; `volts` (nodes,) each: their node voltages.  The magnitude, in
-    volts, is infinite for a node that only the first reading has.  Returns None if no such node exists and all
-    magnitudes are at most 1e-9 of the largest magnitude of a voltage in the first reading.
+    `names`: the two circuits, for the node names; `volts` (nodes,) each: their node voltages, in volts, NaN for
+    floating nodes.  Differences up to 1e-9 of the largest voltage magnitude in the first reading count as equal.
+    Without a larger one, the result is a node with a voltage in the first reading only, and infinity; else None.
     """
     first, second = (
         {name.lower(): value for name, value in zip(circuit.node_names, found.tolist(), strict=True)}

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from resgrid.spice.circuit import Circuit
 
 _MOST = 50
-"""Largest number of floating components in a circuit for which the answer is computed; with more it is "unknown"."""
+"""Largest number of floating components whose pivots are computed; `singularity` of more is "unknown"."""
 
 Singular = Literal["yes", "no", "unknown"]
 
@@ -25,7 +25,7 @@ def singularity(circuit: Circuit) -> Singular:
     r"""Return whether Gaussian elimination in ngspice meets a zero pivot, because the circuit has floating nodes.
 
     "yes": a pivot is zero, and ngspice takes the matrix as singular; "no": rounding errors replace all zero pivots, or
-    no node floats; "unknown": the rounding errors of ngspice are not known here.
+    no node floats; "unknown": the rounding errors of ngspice depend on an order of summation that is not known here.
 
     Examples
     --------
@@ -48,7 +48,8 @@ def singularity(circuit: Circuit) -> Singular:
 def _part_singularity(circuit: Circuit, nodes: NDArray[np.int64]) -> Singular:
     """Return whether ngspice meets a zero pivot in the elimination of a floating component: "yes", "no" or "unknown".
 
-    "unknown": the rounding errors of ngspice are not known here.  `nodes` (n,): node numbers of the component.
+    "unknown" means that the pivot depends on ngspice's order of summation, or that the component has more than two
+    nodes, a source or a nonlinear resistor.  `nodes` (n,): node numbers of the component.
     """
     inside = {kind: np.isin(ends, nodes).all(axis=1) for kind, ends in circuit.ends.items()}
     if inside["nonlinear resistor"].any():

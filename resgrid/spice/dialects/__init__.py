@@ -23,7 +23,7 @@ OWN_SUFFIXES = {item.reading.suffix: item.name for item in DIALECTS.values() if 
 """Name of the dialect by file name suffix, for the suffixes that only one dialect uses (``.scs`` of Spectre)."""
 
 DECK_SUFFIXES = (".cir", ".sp", ".spice", ".ckt", ".net", ".cdl", *OWN_SUFFIXES)
-"""File name suffixes that mark a file as a deck."""
+"""File name suffixes, in lower case, by which a file is taken for a deck."""
 
 
 def dialect_named(name: str) -> Dialect:

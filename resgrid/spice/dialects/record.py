@@ -67,8 +67,9 @@ class Words:
     cold : frozenset of str
         Functions and operators that are not available in an expression that contains the temperature.
     loose : {"", "tight", "numeric", "any"}
-        Unquoted expressions that are read after ``name=``: none; those without blanks outside parentheses; also those
-        with blanks that begin with a number and are the only definition of their line; all text up to the next name.
+        Unquoted expressions that are read after ``name=``: ``""`` none; ``"tight"`` those without blanks outside
+        parentheses; ``"numeric"`` also those with blanks, if they begin with a number and are the only definition of
+        their line; ``"any"`` all text up to the next name.
     loose_functions : bool
         Whether the body of a function needs neither braces nor quotes.
     redefines_functions : bool
@@ -84,14 +85,14 @@ class Words:
     joins_brackets : bool
         Whether parentheses directly after a word belong to the name of a node.
     misread : mapping of str to frozenset of str
-        For ``"node"``, ``"model"`` and ``"subcircuit"``: the names that the simulator misreads as the name of one.
+        Words that the simulator misreads if a node, model or subcircuit is called so; the keys are ``"node"``,
+        ``"model"`` and ``"subcircuit"``.
     common_nodes : frozenset of str
         Nodes that all subcircuits share without ``.global``.
     true_above_half : bool
         Whether a condition is true if its value exceeds one half; if False, it is true if the value is not zero.
     drops_quotes : bool
-        Whether double quotes are removed, so that an expression within them is misread, except in calls and first lines
-        of subcircuits.
+        Whether double quotes are removed, so that expressions within are misread, except in instances of subcircuits.
     """
 
     functions: frozenset[str] = frozenset()
@@ -121,7 +122,7 @@ class Words:
 class Refusals:
     """Text that resgrid can read, but that stops the simulator (``"fails"``) or may stop it (``"unsure"``).
 
-    The value ``""`` means that the simulator reads the text, too.
+    The consequence ``""`` means that the simulator reads the text, too.
 
     Attributes
     ----------
@@ -193,10 +194,10 @@ class ReadingRules:
     of each first letter that means a different element than in SPICE; `series_resistance`: whether voltage sources may
     have ``rser=``; `inductor_ohms`: series resistance of an inductor without ``rser=0``, in ohms; `inductor_keys,
     capacitor_keys`: keys of series resistances and parasitics of an inductor and a capacitor; `off_ohms`: resistance of
-    an open switch, in ohms; `holds_initial`: whether ``.ic`` fixes node voltages at the operating point; `instances`:
-    whether elements are instances of a master and names are case-sensitive, as in Spectre; `spice`: rules after
-    ``simulator lang=spice`` in such a deck; `words`: reserved names and expression syntax; `refusals`: text that stops
-    the simulator.
+    an open switch without ``roff``, in ohms; `holds_initial`: whether ``.ic`` fixes voltages at the operating point;
+    `instances`: whether elements are instances of a master and names are case-sensitive, as in Spectre; `spice`: rules
+    after ``simulator lang=spice`` in such a deck, None for other dialects; `words`: reserved names and expression
+    syntax; `refusals`: text that stops the simulator.
     """
 
     name: str
@@ -297,9 +298,9 @@ class Quirks:
     raised; `floating`: nodes that receive a conductance `gmin` to ground if any node floats: all nodes ("everywhere"),
     the floating nodes ("there"), or "unknown"; `gmin`: its default value, in siemens; `gmin_options`: options that set
     `gmin`, by decreasing precedence; `shunt_options`: unit of each option that adds a resistor from every node to
-    ground; `duplicates`: effect of a second element of the same name; `loops`: whether all loops of voltage sources end
-    the run ("fail"), or only loops that are tied to ground; other loops, and loops of inductors, are solved by a
-    transient.
+    ground; `duplicates`: effect of a second element of the same name: end of the run ("fails") or "unknown"; `loops`:
+    whether all loops of voltage sources end the run ("fail"), or only loops that are tied to ground ("fail at ground");
+    other loops, and loops of inductors, are solved by a transient.
     """
 
     basis: Basis = "documented"

@@ -15,7 +15,7 @@ from resgrid.errors import InputError
 from resgrid.spice.read.files import deck_bytes, decode, normalise
 
 NODATA = -9999.0
-"""Value that marks an empty cell, besides the value that the raster's header states, as in Circuitscape."""
+"""Value of empty cells of a raster, as in Circuitscape; a second one may be stated in the header of the file."""
 
 _ORIGIN = ("xllcorner", "yllcorner", "xllcenter", "yllcenter")
 _KEYS = frozenset(("ncols", "nrows", *_ORIGIN, "cellsize", "dx", "dy", "nodata_value", "nodata"))
@@ -32,7 +32,7 @@ _LIST = re.compile(r"\s*([-+.\deE]+[ \t,]+){2}[-+.\deE]+[ \t]*\n")
 
 @dataclass(frozen=True, eq=False)
 class Raster:
-    """Values of the cells of a raster, with its place.
+    """Values of the cells of a raster, with the place of the raster on the map.
 
     `cells` (rows, columns): values, top row first, NaN for an empty cell; `corner`: map coordinates (x, y) of the lower
     left corner; `size`: width of a cell in these coordinates; `profile`: georeference of a GeoTIFF as keywords of

@@ -97,9 +97,11 @@ def _values_of_cells(
 
 
 def _resolved(job: Configuration, network: Network) -> Network:
-    """Return a network with ``remove_src_or_gnd`` applied, and without sources in components without a ground.
+    """Return a network with the sources and grounds that take part in the solution.
 
-    `job`: the configuration. Raises InputError if no ground remains, or for an unknown value of the key.
+    At a node with both, the key ``remove_src_or_gnd`` of the configuration `job` decides; a remaining positive source
+    removes a direct ground (0 V). Sources in components without a ground are removed. Raises InputError if no ground
+    remains, or for an unknown value of the key.
     """
     policy = job.text("remove_src_or_gnd")
     if policy not in _POLICIES:
@@ -123,10 +125,7 @@ def _resolved(job: Configuration, network: Network) -> Network:
 
 
 def _read_rasters(job: Configuration) -> tuple[Network, NDArray[np.int64]]:
-    """Return the network of a raster configuration, and the node of every cell, shape (rows, columns), -1 for none.
-
-    `job`: the configuration.
-    """
+    """Return the network of a raster configuration `job`, and the node of every cell, (rows, columns), -1 for none."""
     conductance, polygon = conductance_and_polygons(job, read_raster(job.file("habitat_file")))
     node, names = number_cells(conductance, polygon)
     edges, value = links_between(

@@ -25,7 +25,7 @@ from resgrid.spice.networks.configurations import Configuration
 from resgrid.spice.networks.geotiff import write_geotiff
 
 _DECIMALS = 8
-"""Number of decimal places in ASCII grids."""
+"""Number of decimal places to which the cell values of a written ASCII grid are rounded."""
 
 
 @contextmanager
@@ -36,12 +36,12 @@ def output_files(
     conducting: NDArray[np.bool_] | None,
     shape: tuple[int, ...],
 ) -> Iterator[OutputFiles]:
-    """Yield the writer of the output files of a Circuitscape job; at the end of the block all files appear together.
+    """Yield the writer of the output files of a Circuitscape job; all files appear at the end of the ``with`` block.
 
     After an error no file appears. `output`: folder of the files, None for that of the key ``output_file``; `habitat`:
     raster whose format and georeference the maps get, None for a network; `conducting` (rows, columns): whether a cell
-    conducts; `shape`: shape of the currents, (rows, columns) or (nodes,). Raises InputError if the key names a file
-    outside the folder of the configuration, or in a folder that does not exist.
+    conducts, None for a network; `shape`: shape of the currents, (rows, columns) or (nodes,). Raises InputError if the
+    key names a file outside the folder of the configuration, or in a folder that does not exist.
     """
     base = Path(job.base().replace("\\", "/"))
     place = job.folder / base if output is None else Path(output) / base.name
@@ -68,8 +68,9 @@ class OutputFiles:
 
     `job`: the configuration; `place`: path with which the final names of the files begin; `folder`: temporary folder of
     the files; `habitat`: raster whose format and georeference the maps get, None for a network; `conducting` (rows,
-    columns): whether a cell conducts; `written`: final names of the files written so far; `sums` (2, rows, columns) or
-    (2, nodes): sum and maximum of the currents so far, None if the configuration requests no current map.
+    columns): whether a cell conducts, None for a network; `written`: final names of the files written so far; `sums`
+    (2, rows, columns) or (2, nodes): sum and maximum over the solutions so far of the current of every cell or node, in
+    amperes; None if the configuration requests no maps.
     """
 
     job: Configuration
@@ -96,10 +97,10 @@ class OutputFiles:
         write_text(self._new(end), text)
 
     def write_resistances(self, points: NDArray[Any], resistance: NDArray[np.float64]) -> None:
-        """Write the files of resistances.
+        """Write the file of resistances, and for a matrix a second file with one pair of focal points per line.
 
-        `points` (k,): numbers of the focal points; `resistance`: matrix (k, k) of pairs, also written with one pair per
-        line; or one value per point (k,).
+        `points` (k,): numbers of the focal points; `resistance` (k, k): of pairs of points, or (k,): of points, in
+        ohms, -1 for a missing value.
         """
         ids = points.astype(np.float64)
         if resistance.ndim == 1:
@@ -132,7 +133,10 @@ class OutputFiles:
             self._grid(f"voltmap{name}", voltage, of_current=False)
 
     def write_sums(self) -> None:
-        """Write the maps of the sum and of the maximum of all currents, if requested; a network has no such maps."""
+        """Write the maps of the sum and of the maximum of the currents over all solutions, if the job requests them.
+
+        A network has no maps, so that nothing is written.
+        """
         if self.sums is None or self.habitat is None:
             return
         total, largest = self.sums
@@ -144,8 +148,8 @@ class OutputFiles:
     def _grid(self, end: str, cells: NDArray[np.float64], *, of_current: bool) -> None:
         """Write a map in the format of the habitat raster, ASCII grid or GeoTIFF.
 
-        `end`: end of the file name; `cells` (rows, columns): values; `of_current`: whether the values are currents,
-        which may be written as logarithms, or else voltages.
+        `end`: end of the file name; `cells` (rows, columns): values, in A or V; `of_current`: whether the values are
+        currents, which become log10 if the job says so, or else voltages.
         """
         assert self.habitat is not None and self.conducting is not None
         if of_current and self.job.flag("log_transform_maps"):
@@ -163,10 +167,10 @@ class OutputFiles:
         self, name: str, netlist: Netlist, voltage: NDArray[np.float64], node_current: NDArray[np.float64],
         resistor_current: NDArray[np.float64],
     ) -> None:  # fmt: skip
-        """Write the requested tables of one solution of a network, and add its node currents to `sums`.
+        """Write the requested tables of one solution of a network, and add the node currents to `sums`.
 
         `name`: end of the file names; `voltage`, `node_current` (nodes,), `resistor_current` (resistors,): in V and A.
-        Node 0 is the node ``ground``, which belongs to no network of Circuitscape unless it has elements.
+        The tables omit nodes without resistors, such as node 0 (``ground``) of most networks.
         """
         self._add(node_current)
         used = np.unique(netlist.resistor_nodes)
@@ -184,7 +188,7 @@ def _branches(netlist: Netlist, ids: NDArray[np.float64], current: NDArray[np.fl
     """Return the table of branch currents (branches, 3): numbers of both nodes, the smaller first, and magnitude in A.
 
     `ids` (nodes,): number of every node in the user's files; `current` (resistors,): in A. Parallel resistors are one
-    branch.
+    branch with the sum of their currents.
     """
     low, high = np.sort(ids[netlist.resistor_nodes], axis=1).T
     pairs, branch = np.unique(np.stack([high, low], axis=1), axis=0, return_inverse=True)
@@ -211,7 +215,7 @@ def table_text(rows: NDArray[np.float64], separator: str = "\t") -> str:
 def grid_text(cells: NDArray[np.float64], place: Raster) -> str:
     """Return the text of an ESRI ASCII grid.
 
-    `cells` (rows, columns): values; `place`: gives corner and size of a cell.
+    `cells` (rows, columns): values, top row first; `place`: raster with the same lower left corner and cell width.
     """
     rows, columns = cells.shape
     header = {

@@ -100,9 +100,9 @@ class Configuration:
         return _FLAGS[word]
 
     def measure(self, key: str) -> Measure:
-        """Return the quantity of the values in a raster or list: "resistance" or "conductance".
+        """Return the quantity of the values in a raster or list, "resistance" or "conductance", from a boolean key.
 
-        `key`: key of the configuration that is true if the values are resistances.
+        `key`: key that states whether the values are resistances, such as ``habitat_map_is_resistances``.
         """
         return "resistance" if self.flag(key) else "conductance"
 
@@ -140,7 +140,7 @@ class Configuration:
 
 
 def is_connectivity_job(path: str | os.PathLike[str]) -> bool:
-    """Return whether the scenario of a Circuitscape configuration has focal points, unlike ``advanced``."""
+    """Return whether the scenario of a Circuitscape configuration is one of `CONNECTIVITY`, such as ``pairwise``."""
     return read_configuration(path).scenario in CONNECTIVITY
 
 

@@ -60,16 +60,16 @@ class ConnectivityResult:
     ----------
     scenario : str
         ``"pairwise"``, ``"one-to-all"`` or ``"all-to-one"``.
-    points : ndarray of int64 or str, shape (points,)
-        Numbers of the focal points or regions; in a network, the names of the focal nodes.
+    points : ndarray of int64, shape (points,)
+        Numbers of the focal points or regions; in a network, of the focal nodes.
     resistance : ndarray of float64, shape (points, points) or (points,)
-        Effective resistances in ohms; -1 for pairs (in one-to-all mode, points) that are not connected or were left
-        out.  In all-to-one mode the entries are 0, as in Circuitscape.
+        Effective resistances in ohms, of pairs or (one-to-all) from a point to all others together; all-to-one: zeros,
+        as in Circuitscape.  The entry is -1 for a pair or point that is not connected or was left out.
     cumulative_current : ndarray of float64, or None
         Sum of the currents of all solutions in amperes, shape (rows, columns) or (nodes,); None if the configuration
         requests no maps.
     maximum_current : ndarray of float64, or None
-        Largest current of all solutions, in the shape of `cumulative_current`.
+        Largest current of every cell or node in any solution, in amperes and in the shape of `cumulative_current`.
     files : tuple of pathlib.Path
         The written files.
 
@@ -177,7 +177,7 @@ def run_circuitscape(
 def _run_raster(
     job: Configuration, output: str | os.PathLike[str] | None, executor: Executor | None, progress: Count | None
 ) -> ConnectivityResult:
-    """Return the result of a raster job.
+    """Run a raster job, write its output files, and return its result.
 
     `job`: the configuration; `output`: folder of the files, None for that of the configuration; `executor`: workers
     that share the solutions, or None; `progress`: called as ``progress(done, total)`` after every solution, or None.
@@ -228,7 +228,7 @@ def _finished(
 ) -> ConnectivityResult:
     """Write the files of resistances and of summed currents of a job, and return its result.
 
-    `points`: numbers of the focal points; `resistance`: resistances in ohms; `files`: writer of the files.
+    `points` (k,): numbers of the focal points; `resistance` (k, k) or (k,): in ohms; `files`: writer of the files.
     """
     files.write_resistances(points, resistance)
     files.write_sums()
@@ -262,8 +262,8 @@ def _resistances_of(
 ) -> list[float]:
     """Return the resistance in ohms of every pair of nodes, from one factorization.
 
-    It is -1 for nodes that are not connected, and for pairs with the node -1 (a focal point without a conducting cell).
-    `executor`: workers, None for this process; `progress`: called as ``progress(done, total)``, or None.
+    The value is -1 for nodes that are not connected, and for a pair with the node -1 (a focal point in a cell that does
+    not conduct).  `executor`: workers, None for this process; `progress`: called as ``progress(done, total)``, or None.
     """
     within = [pair for pair in pairs if min(pair) >= 0]
     found = effective_resistance(netlist, within, executor=executor, progress=progress).resistance
@@ -275,11 +275,11 @@ def _solutions(
     land: Landscape, items: list[Any], make: Any, names: list[str], files: OutputFiles, executor: Executor | None,
     progress: Count | None,
 ) -> Iterator[float]:  # fmt: skip
-    """Solve one circuit per item, write the maps of each, and yield its resistance in ohms, -1 without a connection.
+    """Solve one circuit per item, write its maps, and yield its resistance in ohms, -1 if no current can flow.
 
-    `items`: pairs, or a focal point with the others; `make`: function that returns the `Measurement` of a landscape and
-    an item; `names`: ends of the names of the maps of each item; `executor`: workers, None for this process;
-    `progress`: called as ``progress(done, total)`` after every solution, or None.
+    `items`: tuples of indices of focal points, a pair or one point and its partners; `make`: function that returns the
+    `Measurement` (circuit, sources, grounds) of `land` and an item; `names`: for each item the end of the names of its
+    maps; `executor`: workers, None for this process; `progress`: called as ``progress(done, total)``, or None.
     """
     for name, (flow, node) in zip(names, _flows(land, make, items, executor, progress), strict=True):
         assert node is not None
@@ -293,11 +293,11 @@ def _solutions(
 def _flows(
     shared: Any, make: Any, items: Sequence[Any], executor: Executor | None, progress: Count | None
 ) -> Iterator[tuple[Flow | None, NDArray[np.int64] | None]]:
-    """Yield for each item the solution of its circuit, None without a connection, and the node of every cell.
+    """Yield for each item the solution of its circuit, None if no current can flow, and the node of every cell.
 
-    `shared`: landscape or netlist; `make`: function that returns the `Measurement` of `shared` and an item; `items`:
-    pairs, or a focal point with the others; `executor`: workers, None for this process; `progress`: called as
-    ``progress(done, total)`` after every solution, or None. In a network job the node of every cell is None.
+    `shared`: landscape or netlist; `make`: function that returns the `Measurement` (circuit, sources, grounds) of
+    `shared` and an item; `items`: tuples of indices of focal points or of nodes; `executor`: workers, or None;
+    `progress`: called as ``progress(done, total)``, or None. A network job has None instead of the nodes of cells.
     """
     part = JobPart(_solve_items, (shared, make), items, "solutions")
     with closing(in_order([part], executor)) as results:
@@ -316,9 +316,9 @@ def _on_cells(values: NDArray[np.float64], node: NDArray[np.int64]) -> NDArray[n
 
 
 def _solve_items(shared: tuple[Any, Any], items: Sequence[Any]) -> list[tuple[Flow | None, NDArray[np.int64] | None]]:
-    """Return for each item the solution of its circuit, None without a connection, and the node of every cell.
+    """Return for each item the solution of its circuit, None if no current can flow, and the node of every cell.
 
-    `shared`: a landscape or netlist, and the function that returns the `Measurement` of it and an item.
+    `shared`: pair of a landscape or netlist, and a function that returns the `Measurement` of that and an item.
     """
     place, make = shared
     return [(solve_measurement(measured), measured.node) for measured in (make(place, item) for item in items)]
@@ -335,9 +335,10 @@ def _pair_measurement(land: Landscape, pair: tuple[int, int]) -> Measurement:
 
 
 def _one_to_all(amps: NDArray[np.float64], land: Landscape, item: tuple[int, ...]) -> Measurement:
-    """Return the circuit in which the strength of one focal point flows to other points, which are at 0 V.
+    """Return the circuit in which one focal point injects a current that flows to other points, which are at 0 V.
 
-    `amps` (k,): strengths of all points in A; `item`: index of the point, then indices of the other points.
+    `amps` (k,): current that each point injects as a source, in A; `item`: index of that point, then those of the other
+    points.
     """
     netlist, node = land.circuit(item)
     ends = [land.node_of(node, number) for number in item]
@@ -346,9 +347,9 @@ def _one_to_all(amps: NDArray[np.float64], land: Landscape, item: tuple[int, ...
 
 
 def _all_to_one(amps: NDArray[np.float64], land: Landscape, item: tuple[int, ...]) -> Measurement:
-    """Return the circuit in which the strengths of other focal points flow to one point, which is at 0 V.
+    """Return the circuit in which other focal points inject currents that flow to one point, which is at 0 V.
 
-    `amps` (k,): strengths of all points in A; `item`: index of the point at 0 V, then indices of the other points.
+    `amps` (k,): current that each point injects, in A; `item`: index of the point at 0 V, then those of the others.
     """
     netlist, node = land.circuit(item)
     ground = land.node_of(node, item[0])
@@ -362,7 +363,7 @@ def _all_to_one(amps: NDArray[np.float64], land: Landscape, item: tuple[int, ...
 def _run_network(
     job: Configuration, output: str | os.PathLike[str] | None, executor: Executor | None, progress: Count | None
 ) -> ConnectivityResult:
-    """Return the result of a pairwise network job.
+    """Run a pairwise network job, write its output files, and return its result.
 
     `job`: the configuration; `output`: folder of the files, None for that of the configuration; `executor`: workers
     that share the solutions, or None; `progress`: called as ``progress(done, total)`` after every solution, or None.
@@ -394,5 +395,5 @@ def _run_network(
 
 
 def _between_nodes(netlist: Netlist, pair: tuple[int, int]) -> Measurement:
-    """Return the circuit, source and ground of a pair of nodes: 1 A flows from the second to the first."""
+    """Return the circuit, source and ground of a pair of node numbers: 1 A flows from the second to the first."""
     return Measurement(netlist, (pair[1],), (1.0,), (pair[0],), None)

@@ -23,14 +23,17 @@ MEASURES = ("resistance", "conductance")
 
 _COMMENT = re.compile(r"[#%].*")
 _DECIMAL = re.compile(r"[-+]?(\d+\.\d*|\.\d+|\d+(?=[eE][-+]))([eE][-+]?\d{1,3})?", re.ASCII)
-"""Pattern of decimals in the form that programs print, ``1.000e+00`` or ``1e+06``.
+"""Pattern of decimals in the form that programs print, ``1.000e+00`` or ``1e+06``, in place of a node name.
 
-A word of this form that is an integer stands for the node with that number; ``1e5`` without a sign is itself a name.
+A decimal of this form whose value is an integer means the node of that number, here ``1`` and ``1000000``.  A word such
+as ``1e5``, without a sign in the exponent, is taken as a name.
 """
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(nan|inf|infinity)", re.ASCII | re.IGNORECASE)
 _DIGITS = "+-.0123456789"
 _LONGEST = 20
-"""Largest number of digits of an integer in decimal form (``1.000e+00``) that is read as the node name ``1``."""
+"""Largest number of digits of an integer that is written as a decimal (``1.000e+00``) and means a node number (``1``);
+with more digits, the word is the name of the node.
+"""
 _GROUND = "ground"
 _MATRIX = "%%MatrixMarket"
 _HEADINGS = {
@@ -99,8 +102,9 @@ class EdgeTable:
         """Return the values as conductances in S, shape (rows,); infinite for 0 ohm.
 
         `measure`: quantity of the values, "resistance" or "conductance", None for that of the heading, or resistance
-        without a heading.  `shorts`: whether values of 0 are allowed; `absent`: whether 0 S is allowed, but not 0 ohm.
-        Raises InputError for a negative value, a zero that is not allowed, and a heading that contradicts `measure`.
+        without a heading.  `shorts`: whether 0 is allowed for both quantities; `absent`: whether 0 S is allowed, but
+        not 0 ohm.  Raises InputError for a negative value, a zero that is not allowed, a resistance with an overflowing
+        reciprocal, and a heading that contradicts `measure`.
         """
         if measure not in (None, *MEASURES):
             raise InputError(f"measure = {measure!r} is unknown; it may be one of {', '.join(MEASURES)}")
@@ -265,7 +269,7 @@ def _measure_of(heading: str | None) -> str | None:
 def _node_name(word: str) -> str:
     """Return the node name that a word of an edge list means.
 
-    An integer in decimal form, such as ``1.000e+00``, means ``1``; every other word is the name itself.
+    An integer in the form of a decimal, such as ``1.000e+00``, means ``1``; every other word is the name itself.
     """
     if not _DECIMAL.fullmatch(word):
         return word

@@ -45,7 +45,7 @@ def numbers_of(path: Path, columns: int | None, *, skip: int = 0) -> NDArray[np.
     """Return the numbers of a text file, (rows, columns); raise InputError, which names the line, for other words.
 
     `path`: the file; `columns`: number of numbers per line, None for that of the first line; `skip`: number of lines at
-    the begin of the file that are left out.
+    the beginning of the file that are not read.
     """
     rows: list[list[float]] = []
     for number, line in enumerate(read_text(path).split("\n")[skip:], skip + 1):
@@ -110,8 +110,8 @@ def _is_raster(path: Path) -> bool:
 def allowed_pairs(job: Configuration, ids: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
     """Return the numbers (k,) of the focal points that take part, and the mask (k, k) of the pairs that are measured.
 
-    `ids` (n,): numbers of all points. If the configuration names a file of pairs, points that are not in the file do
-    not take part, also in its mode ``exclude``.
+    All points take part unless the configuration names a file of pairs. Then points that are not in the file do not
+    take part, even if the file lists the pairs to exclude. `ids` (n,): numbers of all points.
     """
     if not job.flag("use_included_pairs"):
         return ids, ~np.eye(len(ids), dtype=np.bool_)
@@ -154,8 +154,8 @@ def allowed_pairs(job: Configuration, ids: NDArray[np.int64]) -> tuple[NDArray[n
 def strengths_of(job: Configuration, ids: NDArray[np.int64]) -> NDArray[np.float64]:
     """Return the current that each focal point injects as a source, in A, (k,).
 
-    It is 1 A for points that the file of strengths does not name, or without such a file. `ids` (k,): numbers of the
-    points.
+    The current is 1 A unless the configuration names a file of source strengths that contains the point. `ids` (k,):
+    numbers of the points.
     """
     amps = np.ones(len(ids))
     if job.flag("use_variable_source_strengths"):

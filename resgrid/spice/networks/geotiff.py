@@ -15,7 +15,7 @@ from resgrid.spice.networks.ascii_grids import NODATA, Raster
 
 
 def is_geotiff(path: Path) -> bool:
-    """Return whether a file has the suffix of a GeoTIFF."""
+    """Return whether the name of a file ends with a suffix of GeoTIFF files."""
     return path.suffix.lower() in (".tif", ".tiff")
 
 

@@ -80,7 +80,7 @@ def read_graph(path: str | os.PathLike[str]) -> Netlist:
 
 
 def _read_graphml(path: Path) -> Netlist:
-    """Return the netlist of a GraphML file."""
+    """Return the netlist of a GraphML file in the form that `graphml` writes."""
     import networkx as nx
 
     graph = nx.read_graphml(path)
@@ -91,7 +91,7 @@ def _read_graphml(path: Path) -> Netlist:
 
 
 def _read_json(path: Path) -> Netlist:
-    """Return the netlist of a node-link JSON file."""
+    """Return the netlist of a JSON file in node-link form; raise InputError for other JSON."""
     import networkx as nx
 
     content = json.loads(path.read_bytes())

@@ -13,15 +13,15 @@ from resgrid.core.netlist import GROUND, Netlist
 from resgrid.core.regions import label_components
 
 UNCONNECTED = -1.0
-"""Value in Circuitscape's files in place of the resistance of a pair that is not connected or not measured."""
+"""Value in Circuitscape's files in place of the resistance of a pair that is not connected or was left out."""
 
 
 class Measurement(NamedTuple):
     """One circuit of a Circuitscape job, with sources and grounds.
 
     `netlist`: circuit without sources; for rasters its node 0 has no elements; `sources`: nodes into which currents are
-    injected; `amps`: these currents in A; `ground`: nodes at 0 V; `node` (rows, columns): node of every cell, -1 for
-    none; None in a network.
+    injected; `amps`: these currents in A; `ground`: nodes at 0 V (a source or ground of -1 is ignored); `node` (rows,
+    columns): node of every cell, -1 for none; None in a network.
     """
 
     netlist: Netlist
@@ -34,8 +34,9 @@ class Measurement(NamedTuple):
 class Flow(NamedTuple):
     """Solution of one circuit of a Circuitscape job.
 
-    `resistance`: voltage of the first source divided by its current, in ohms; `voltage`, `node_current` (nodes,): in V
-    and A, 0 in components without a source; `resistor_current` (resistors,): in A.
+    `resistance`: voltage of the first source divided by its current, in ohms; `voltage` (nodes,): in V;
+    `node_current` (nodes,): the larger of the currents into and out of the node, in A; both are 0 in components without
+    a source; `resistor_current` (resistors,): in A.
     """
 
     resistance: float
@@ -45,7 +46,7 @@ class Flow(NamedTuple):
 
 
 def solve_measurement(measured: Measurement) -> Flow | None:
-    """Return the solution of a circuit of a job; None if no source is connected to a ground, or all currents are 0."""
+    """Return the solution of one circuit of a job; None if no source with a current is connected to a ground."""
     netlist = measured.netlist
     part = label_components(netlist.resistor_nodes, netlist.node_count)
     grounds = [node for node in measured.ground if node >= 0]
@@ -79,9 +80,10 @@ def solve_measurement(measured: Measurement) -> Flow | None:
 
 
 def _from_one_source(netlist: Netlist, source: int, amps: float, grounds: list[int]) -> Flow:
-    """Return the solution with one source and some nodes at 0 V.
+    """Return the solution of a circuit with one source and some nodes at 0 V.
 
-    `source`: node of the source; `amps`: its current in A; `grounds`: nodes at 0 V.
+    `netlist`: circuit without sources; `source`: node of the source; `amps`: current of the source, in A; `grounds`:
+    nodes at 0 V.
     """
     group = np.arange(netlist.node_count)
     group[grounds] = grounds[0]

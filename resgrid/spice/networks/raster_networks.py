@@ -22,9 +22,9 @@ from resgrid.spice.networks.rasters import read_cells
 def conductance_and_polygons(job: Configuration, habitat: Raster) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the conductance of every cell in S, and the number of its short-circuit region, (rows, columns) each.
 
-    Both are 0 for none. `job`: the configuration; `habitat`: raster of its key ``habitat_file``. Cells that the mask of
-    the configuration removes have no conductance. Raises InputError if no cell remains, or for a short-circuit region
-    (polygon) whose number is not whole.
+    The conductance is 0 in empty cells and in cells that the mask of the configuration removes; the number is 0 outside
+    the regions. `job`: the configuration; `habitat`: raster of its key ``habitat_file``. Raises InputError if no cell
+    remains, or for a short-circuit region (polygon) whose number is not whole.
     """
     conductance = _habitat_conductance(job, habitat.cells)
     if job.flag("use_mask"):
@@ -95,8 +95,9 @@ def links_between(
 
     `conductance` (rows, columns): of the cells, in S; `node` (rows, columns): node numbers, -1 for none;
     `mean_resistance`: whether the mean of the resistances is used instead of the mean of the conductances; `diagonals`:
-    whether diagonal neighbours are joined.  An empty cell of a polygon has 0 S; it is joined to a conducting neighbour
-    with the mean of the conductances, but not with the mean of the resistances, which would be infinite.
+    whether diagonal neighbours are joined, by resistances that are larger by the factor sqrt(2).  An empty cell of a
+    polygon has 0 S; it is joined to a conducting neighbour with the mean of the conductances, but not with the mean of
+    the resistances, which would be infinite.
     """
     steps: list[tuple[Any, Any, float]] = [(np.s_[:, :-1], np.s_[:, 1:], 1.0), (np.s_[:-1], np.s_[1:], 1.0)]
     if diagonals:

@@ -55,7 +55,7 @@ def misplaced_comma(card: Card, pairs: list[Setting]) -> int | None:
 
 
 def _begins_definition(tokens: list[Token], i: int) -> bool:
-    """Return whether token `i` is a name before ``=``, and not an operand of ``==``, ``<=``, ``>=`` or ``!=``."""
+    """Return whether ``tokens[i]`` is a name before ``=``, and not an operand of ``==``, ``<=``, ``>=`` or ``!=``."""
     if (
         tokens[i].kind != "word"
         or tokens[i].text[-1] in "<>!"
@@ -68,7 +68,7 @@ def _begins_definition(tokens: list[Token], i: int) -> bool:
 
 
 def _value(card: Card, parts: list[Token], *, blanks: bool, alone: bool) -> Token | None:
-    """Return the tokens of a value as one token; None if they do not form a value.
+    """Return the tokens of a value as one token; None if there is no value, or only a mark such as ``=``.
 
     `card`: the card that contains the tokens; `parts`: the tokens after ``name=``; `blanks`: whether an expression may
     contain blanks; `alone`: whether the card has only this definition.

@@ -18,7 +18,7 @@ from resgrid.spice.read.diagnostics import CardError, Diagnostics, Spot
 from resgrid.spice.read.files import SourceFile
 
 Line = tuple[int, str]
-"""Line number in the file, counted from 1, and text of a line."""
+"""Pair of the number of a line in its file, counted from 1, and the text of the line."""
 
 _LANGUAGE = re.compile(r"\s*simulator\s+lang\s*=\s*(\w+)\s*")
 
@@ -281,7 +281,7 @@ def _unquoted_settings(card: Card, tokens: list[Token]) -> list[Setting]:
 
 
 def _begins_pair(tokens: list[Token], i: int) -> bool:
-    """Return whether token `i` is a key, which means that the next token is ``=``."""
+    """Return whether ``tokens[i]`` is a key, which means that the next token is ``=``."""
     return i + 1 < len(tokens) and tokens[i + 1].is_mark("=")
 
 

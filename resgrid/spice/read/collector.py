@@ -52,8 +52,9 @@ _ELEMENT_LETTERS = frozenset("rvilcsxRVILCSX")
 class Collector:
     """The reader of a deck's files.
 
-    `library`: opens the include files; `contents`: receives the cards; `quick`: whether lines of the form ``name node
-    node value`` (plain cards) outside subcircuits are read in bulk; `plain`: these lines of each file.
+    `library`: files of the deck, which opens include files; `contents`: receives the cards; `quick`: whether lines of
+    the form ``name node node value`` (plain cards) outside subcircuits are read in bulk; `plain`: the plain cards of
+    each file.
     """
 
     library: Library
@@ -107,10 +108,10 @@ class Collector:
             self.contents.diagnostics.warn_ignored(spot, text)
 
     def _role(self, line: str, continued: bool) -> str:
-        """Return the role of the first line: "title", "command", "element" or "language" (a Spectre statement).
+        """Return the role of the first line of a deck: "title", "command", "element" or "language".
 
-        An "element" is a line that looks like one and may still be the title.  `line`: the first line; `continued`:
-        whether the second line continues it.
+        An "element" is a line that looks like an element card and may still be the title; "language" is the statement
+        ``simulator lang=...`` of Spectre.  `line`: the first line; `continued`: whether the second line continues it.
         """
         words = line.split()
         if not words or words[0][0] == "*":
@@ -188,9 +189,9 @@ class Collector:
         del contents.open[depth:]
 
     def _note_text_after(self, end: Card) -> None:
-        """Add a warning that cards after ``.end`` are read, as by the dialect's simulator; only once per ``.end``.
+        """Add a warning that cards after ``.end`` are read, because the dialect's simulator reads them, too.
 
-        `end`: the card ``.end``.
+        `end`: the card ``.end``, for which at most one warning is added.
         """
         if end.spot() not in self._noted:
             text = f"cards after .end are read, as in {end.rules.name}; other simulators stop here"

@@ -363,4 +363,4 @@ COMMANDS: dict[str, Callable[[Contents, Card], None]] = {
     ".connect": Contents._connect,
     ".preprocess": Contents._preprocess,
 }
-"""Methods that apply the commands that change the circuit, by the command in lower case."""
+"""Methods of `Contents` that apply a command which changes the circuit, by the command in lower case."""

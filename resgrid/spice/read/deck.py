@@ -122,10 +122,11 @@ def read_with(
 ) -> Circuit:
     """Return the circuit of a deck.
 
-    `path`: path or open file; `dialect`: name of the dialect, or "auto"; `root`: folder that must contain all included
-    files; `max_elements`: maximum number of elements after expansion, None for the default of `read_spice`;
-    `least_bytes`: smallest deck, in bytes, whose lines ``name node node value`` are read in bulk, which is faster;
-    `rules`: reading rules in place of those of the dialect, None for those of the dialect.
+    `path`: path or open file; `dialect`: name of the dialect, or "auto" to take it from the sidecar, suffix or text;
+    `root`: folder that must contain all included files, None for the deck's folder; `max_elements`: maximum number of
+    elements after the expansion of subcircuits, None for a limit that grows with the number of cards; `least_bytes`:
+    smallest deck, in bytes, whose lines ``name node node value`` are read in bulk, which is faster; `rules`: reading
+    rules in place of those of the dialect, None for those of the dialect.
     """
     if dialect != "auto":
         dialect_named(dialect)
@@ -145,8 +146,8 @@ def _open(
 ) -> tuple[Library, SourceFile]:
     """Return the library of a deck's files, to which included files will be added, and the file of the deck itself.
 
-    `path`: path or open file of the deck; `root`: folder that must contain all included files; None for the folder of
-    the deck, and to refuse all includes of an open file.
+    `path`: path or open file of the deck; `root`: folder that must contain all included files.  With None, this is the
+    folder of the deck; an open file has no folder, so that its includes are rejected.
     """
     folder = None if root is None else _folder(root)
     if not isinstance(path, str | os.PathLike):

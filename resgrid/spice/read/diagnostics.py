@@ -44,7 +44,7 @@ class DeckError(InputError):
 
 @dataclass
 class Diagnostics:
-    """The errors and notes of one deck; `errors`: messages of the errors."""
+    """Collector of the errors and notes (remarks) about one deck; `errors`: messages of the errors."""
 
     errors: list[str] = field(default_factory=list)
     _notes: dict[tuple[Severity, str], tuple[Spot, int]] = field(default_factory=dict)
@@ -98,7 +98,7 @@ class Diagnostics:
         self._notes[severity, text] = (first, seen + count)
 
     def notes(self) -> tuple[Note, ...]:
-        """Return all notes in the order of their first occurrence."""
+        """Return all notes in the order of their first occurrence; equal notes are one note with their number."""
         return tuple(
             Note(
                 severity,

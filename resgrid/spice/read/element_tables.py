@@ -28,9 +28,10 @@ resistance in ohms, the control voltages at which the switch is on and off, and 
 """
 
 RESISTIVE = {"resistor": 1, "switch": 2}
-"""Number of leading values that the multiplier ``m=`` (number of parallel elements) divides, by kind of element.
+"""Number of values, counted from the first, that are divided by the multiplier ``m=`` (number of parallel elements).
 
-For other kinds the first value is multiplied by the multiplier, except that voltage sources ignore it.
+The keys are kinds of element.  In other kinds, the first value is multiplied by the multiplier; voltage sources ignore
+the multiplier.
 """
 
 
@@ -40,7 +41,7 @@ class NodeTable:
 
     A node keeps the spelling of its first use.  `grounds`: names of ground in lower case; `exact`: whether the dialect
     is case-sensitive; `clashes`: names that differ from earlier ones only by case in a case-sensitive dialect; `names`:
-    names of the nodes by number; `aliases`: other names of ground that were used.
+    names of the nodes by number; `aliases`: names of ground, other than ``0``, that the block uses.
     """
 
     grounds: frozenset[str]
@@ -68,8 +69,8 @@ class NodeTable:
     def number_of(self, name: str, order: int) -> int:
         """Return the number of the node `name`, which is added to the table if it is new.
 
-        `order`: position of this use in the deck (file index times ``2**40`` plus line number, see `order_of`); the
-        spelling at the first position is kept.
+        `order`: position of this use in the deck (file index times ``2**40`` plus line number); the node's name gets
+        the spelling of the use with the smallest position.
         """
         folded = name.lower()
         number = self._number.get(folded)

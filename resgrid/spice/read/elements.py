@@ -80,7 +80,7 @@ class Element:
 
 
 def letter_of(card: Card, block: Block) -> str:
-    """Return the letter of an element's kind, "r" for a resistor, "x" for an instance; `block`: has the card."""
+    """Return the letter of an element's kind, such as "r" or "x" (instance); `block`: deck or subcircuit of `card`."""
     return spectre.letter_of(card, block) if card.rules.instances else card.text[0].lower()
 
 
@@ -165,7 +165,7 @@ def _split(card: Card, scope: Scope, known: str = "") -> Element:
 def _note_key(card: Card, key: str, offset: int, scope: Scope) -> None:
     """Add a warning about a key at which the dialect's simulator stops.
 
-    `card`: the card of the element; `key`: the key; `offset`: its position in the card; `scope`: receives the warning.
+    `key`: the key; `offset`: its position in the text of `card`; `scope`: scope whose diagnostics receive the warning.
     """
     text = f"{card.rules.name} has no {key}= for {card.text[0].upper()}, and stops at it"
     scope.diagnostics.refuse(card.spot(offset), text)
@@ -300,7 +300,7 @@ def _model_and_value(
 
 
 def _is_literal(token: Token) -> bool:
-    """Return whether a token is a word that begins with a number."""
+    """Return whether a token is a word that begins with a digit, perhaps after a sign."""
     return token.kind == "word" and re.match(r"[+-]?\d", token.text) is not None
 
 

@@ -221,7 +221,7 @@ class _Reader:
         self.position += 1
 
     def _binary(self, level: int) -> float:
-        """Return the value of the expression up to the next operator of a precedence below `level` (1 weakest to 5)."""
+        """Consume operands and operators of precedence `level` (1 weakest, 5 tightest) or more; return their value."""
         left = self._signed()
         while self._now.text in _BINARY and level <= _BINARY[self._now.text][0]:
             token = self._now
@@ -242,7 +242,7 @@ class _Reader:
             raise ExpressionError(self._now.offset, f"in {label} only values above 0.5 are true: write a comparison")
 
     def _signed(self) -> float:
-        """Return the value of an operand after application of its leading ``+``, ``-`` and ``!``."""
+        """Consume leading ``+``, ``-`` and ``!`` and the operand after these; return the value of the whole."""
         sign = self._now
         if sign.kind != "operator" or sign.text not in ("-", "+", "!"):
             return self._power()
@@ -258,14 +258,14 @@ class _Reader:
         return -value if sign.text == "-" else value
 
     def _refuse_misread(self, sign: _Token) -> None:
-        """Raise ExpressionError if `sign` follows an operator and is not a minus before a plain number."""
+        """Raise ExpressionError unless `sign`, which follows an operator, is a minus before a plain number."""
         number, after = (self.tokens[min(self.position + i, len(self.tokens) - 1)] for i in (1, 2))
         is_plain = number.kind == "number" and after.text not in _POWERS
         if sign.text == "+" or not is_plain or self.tokens[self.position - 1].text == "!":
             raise ExpressionError(sign.offset, f"{self.rules.name} misreads a sign after an operator: {_PARENS}")
 
     def _power(self) -> float:
-        """Return the value of ``base ** exponent``, or of the base if no power operator follows it."""
+        """Consume a base, and perhaps a power operator with an exponent; return the value of the power or the base."""
         negated = self.position > 0 and self.tokens[self.position - 1].text == "!"
         base = self._atom()
         sign = self._now
@@ -365,7 +365,7 @@ _BINARY: dict[str, tuple[int, Callable[[float, float], float | bool]]] = {
     "\\": (_PRODUCT, lambda a, b: math.trunc(a / b)),
     "\\ of the magnitude": (_PRODUCT, lambda a, b: math.trunc(abs(a / b))),
 }
-"""Precedence (1 weakest) and function of each binary operator; `ReadingRules.operators` maps a dialect's deviations."""
+"""Precedence (1 weakest, 5 tightest) and function of binary operators; keys with words: their meanings in ngspice."""
 
 
 def _no_function(token: _Token, rules: ReadingRules) -> ExpressionError:

@@ -17,7 +17,7 @@ MAX_FILES = 200
 """Maximum number of files of a deck, including the deck itself; more files raise InputError."""
 
 _LOOKED_AT = 4096
-"""Number of bytes at even offsets, and at odd offsets, among which zero bytes are counted to recognize UTF-16."""
+"""Number of bytes at even offsets, and as many at odd offsets, whose zeros are counted to recognize UTF-16."""
 
 _BOMS = ((codecs.BOM_UTF8, "utf-8"), (codecs.BOM_UTF16_LE, "utf-16-le"), (codecs.BOM_UTF16_BE, "utf-16-be"))
 

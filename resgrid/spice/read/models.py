@@ -69,10 +69,10 @@ def modelled_resistor(
 ) -> tuple[float, float, float, float, float]:
     """Return the resistance in ohms, tc1, tc2, the reference temperature and tce of a resistor with a model.
 
-    `scope`: scope of the resistor; `ohms`: value on the card of the resistor, None without a value; `length, width`: on
-    that card, in metres, None without a value; `card`: that card.  The reference temperature is in degrees Celsius, NaN
-    for the nominal one; tc1 is in 1/K and tc2 in 1/K^2; tce adds the factor ``1.01**(tce d)`` at `d` kelvin above the
-    reference temperature.
+    `card`: card of the resistor; `scope`: scope of the resistor; `ohms`: value on the card, None without a value;
+    `length, width`: on the card, in metres, None without a value.  The reference temperature is in degrees Celsius, NaN
+    for the nominal one; tc1 is in 1/K and tc2 in 1/K^2; tce, in 1/K, multiplies the resistance by ``1.01**(tce d)`` at
+    ``d`` kelvin above the reference temperature.
     """
     exponential = card.rules.words.exponential_coefficient
     values = model_values(model, scope, _RESISTOR_KEYS | ({"tce"} if exponential else set()))
@@ -114,8 +114,9 @@ def _from_model(values: dict[str, float], length: float | None, width: float | N
 def modelled_switch(model: Model, scope: Scope, state: float, card: Card) -> tuple[float, float, float, float, float]:
     """Return on and off resistance in ohms, upper and lower threshold in volts, and the state between thresholds.
 
-    `scope`: scope of the switch; `state`: state between the thresholds on the card of the switch, 1 for on and 0 for
-    off; `card`: that card.  The returned state is NaN if the switch is neither on nor off between the thresholds.
+    The thresholds are control voltages.  `model`: model of the switch; `card, scope`: its card and scope; `state`:
+    state between the thresholds that the card states, 1 for on and 0 for off.  The returned state is NaN if the switch
+    is neither on nor off between the thresholds.
     """
     values = model_values(model, scope, _SWITCH_KEYS)
     on, off = values.get("ron", 1.0), values.get("roff", card.rules.off_ohms)

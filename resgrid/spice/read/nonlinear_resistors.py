@@ -12,8 +12,7 @@ from resgrid.spice.read.element_tables import Elements
 from resgrid.spice.read.scopes import Scope
 
 _MEMRISTOR = re.compile(r"v\([^()]*\)/max\([-+.e\d]+-[-+.e\d]+\*v\(x[^()]*\),", re.IGNORECASE)
-"""Regular expression of the current through a memristor: its voltage, divided by a resistance that depends on a state.
-"""
+"""Regular expression of the current through a memristor: voltage divided by a resistance that depends on a state."""
 
 
 def read_nonlinear(card: Card, scope: Scope, elements: Elements) -> bool:

@@ -30,7 +30,8 @@ class Numeral(NamedTuple):
 def parse_numeral(text: str, rules: ReadingRules, *, computed: bool = False) -> Numeral | str | None:
     """Return the value of a numeral with suffix and unit; an error message if it is ambiguous; None for other text.
 
-    `rules`: reading rules of the dialect; `computed`: whether the numeral stands in an expression.
+    `rules`: reading rules of the dialect; `computed`: whether the numeral stands in an expression, where some dialects
+    read the suffix ``mil`` as milli, so that it is ambiguous.
 
     Examples
     --------
@@ -58,9 +59,10 @@ def parse_numeral(text: str, rules: ReadingRules, *, computed: bool = False) -> 
 
 
 def _suffix(letters: str, rules: ReadingRules) -> tuple[int | None, str, str]:
-    """Return the exponent of ten of a suffix (None for ``mil``), the unit after it, and a warning or an empty string.
+    """Return the exponent of ten of a suffix (None for ``mil``), the unit after the suffix, and a warning or "".
 
-    `letters`: suffix and unit, such as ``kOhm``; `rules`: reading rules of the dialect.
+    `letters`: suffix and unit, such as ``kOhm``, which gives 3, ``Ohm`` and no warning; `rules`: reading rules of the
+    dialect.  Letters without a suffix are a unit with the exponent 0.
     """
     if rules.instances:
         return rules.suffixes.get(letters[:1], 0), letters[letters[:1] in rules.suffixes :], ""

@@ -35,9 +35,9 @@ _OTHER, _EMPTY = 254, 255
 """Codes of lines that are not plain cards: `_OTHER` for the card-by-card reader, `_EMPTY` for blanks and comments."""
 
 _CODES: dict[bytes | None, int] = {None: _OTHER}
-"""Code of a line by the first letter of its plain card: an index into `_KINDS`; `_OTHER` for None (no plain card)."""
+"""Code of a line by the first letter of the plain card in the line; `_OTHER` for None, which means no plain card."""
 _CODES |= {bytes([c]): code for code, letters in enumerate((b"rR", b"vV", b"iI", b"cC")) for c in letters}
-"""Index in `_KINDS` for the first letter of a card; `_OTHER` where the expression matched no card."""
+"""The codes of plain cards are indices into `_KINDS`: 0 for ``r`` and ``R``, 1 for ``v``, 2 for ``i``, 3 for ``c``."""
 
 _COMMAND, _BACKSLASH, _CONTINUES = 1, 2, 4
 """Properties of a line, as bits: a command, a backslash, a line that may continue the card before it (``+``).
@@ -159,7 +159,7 @@ class PlainCards:
         return value
 
     def _note_properties(self, first: int, texts: list[bytes | None]) -> None:
-        """Mark empty lines and comments as `_EMPTY`; record the properties (bits) of other lines without a plain card.
+        """Mark empty lines and comments as `_EMPTY`; record the bits `_COMMAND` and so on of other lines without card.
 
         `first`: index of the first of some consecutive lines; `texts`: text of each of these lines, None for a plain
         card.
@@ -195,16 +195,15 @@ class PlainCards:
     def _leave_next(
         self, cards: NDArray[np.int64], pending: int, at: int, stop: int, last: int
     ) -> tuple[int, int, int]:
-        """Mark the next cards as `_OTHER` (not read in bulk), one for every bit in `pending`.
+        """Mark the next cards as `_OTHER` (not read in bulk), one for every bit in `pending`; return the new state.
 
         Two bits concern two cards: a backslash may join the first card to the line before it, so that the card after a
-        command is then the second one. If fewer cards remain before `stop`, the returned `pending` contains the other
-        bits, for the cards after `stop`.
+        command is then the second one.  Bits for which no card remains before `stop` are in the returned `pending`.
 
-        Returns the new `pending`, `at` and `last`; the new `at` is `stop`. `cards`: line indices of the plain cards
-        (lines ``name node node value``); `pending`: bits `_COMMAND` and `_BACKSLASH` of earlier lines that have not
-        marked a card yet; `at, stop`: range of indices into `cards` of the cards before the next line with a property;
-        `last`: index into `cards` of the last card before `at` that stays plain, -1 for none.
+        The state is `pending`, `at` (then equal to `stop`) and `last`. `cards`: line indices of the plain cards (lines
+        ``name node node value``); `pending`: bits `_COMMAND` and `_BACKSLASH` of earlier lines that have not marked a
+        card yet; `at, stop`: range of indices into `cards` of the cards before the next line that has such bits or is a
+        continuation line; `last`: index into `cards` of the last card before `at` that is read in bulk, -1 for none.
         """
         while pending and at < stop:
             pending &= ~(_BACKSLASH if pending & _BACKSLASH else _COMMAND)
@@ -215,8 +214,8 @@ class PlainCards:
     def other_lines(self, may_take: Callable[[], bool]) -> Iterator[tuple[int, str]]:
         """Yield number (counted from 1) and text of the lines that are not read in bulk, in the order of the file.
 
-        `may_take`: called before every group of consecutive plain cards; if it returns False, these lines are yielded,
-        too.
+        `may_take`: function that is called before every group of consecutive plain cards; if False is returned, the
+        lines of this group are yielded, too, and not read in bulk.
         """
         begin, lines = 0, len(self._is_taken)
         for other in (*self._others.tolist(), lines):
@@ -258,7 +257,8 @@ class PlainCards:
         """Return node numbers (2 cards,), node names (nodes,), and the index of each node's first use (nodes,).
 
         Nodes are numbered in the order of first use and regardless of case; a name has the spelling of the first use.
-        `cards`: indices of the lines of plain cards.  An index of a use is an index into the node numbers.
+        `cards`: indices of the lines of plain cards.  The first uses are indices into the returned node numbers, in
+        which the two nodes of a card follow each other.
         """
         text = b"\n".join(word or b"" for word in self._spellings).decode("ascii")
         spellings, lower = text.split("\n"), text.lower()

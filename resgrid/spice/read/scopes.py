@@ -14,7 +14,7 @@ from resgrid.spice.read.expressions import ExpressionError, Lookup, ReservedName
 from resgrid.spice.read.numerals import parse_numeral
 
 MAX_CHAIN = 40
-"""Maximum length of a chain of parameters that each refer to one of a later line (else CardError); others: no limit."""
+"""Maximum length of a chain of parameters in which each refers to one that a later line defines (else CardError)."""
 
 _MOST_NOTED = 5
 """Maximum number of warnings about parameters without a value, per scope (deck or instance of a subcircuit)."""
@@ -41,7 +41,7 @@ class Definition:
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """A ``.model`` card: name, kind and ``key=value`` pairs (`settings`); `block`: the deck or subcircuit with it."""
+    """Content of a ``.model`` card: name, kind, ``key=value`` pairs, and the block (deck or subcircuit) of the card."""
 
     name: str
     kind: str
@@ -81,7 +81,7 @@ class Block:
         return model if model is not None or self.outer is None else self.outer.model(name)
 
     def block_of_function(self, name: str) -> Block:
-        """Return the nearest block, this or an enclosing one, that defines a function; the deck if none does."""
+        """Return the innermost block, among this and the enclosing ones, that defines a function; the deck if none."""
         return self if name in self.functions or self.outer is None else self.outer.block_of_function(name)
 
     def block(self, name: str) -> Block | None:
@@ -219,7 +219,7 @@ class Scope:
             self._note_idle()
 
     def _note_idle(self) -> None:
-        """Add warnings about parameters without a value; the dialect's simulator may stop even if they are unused."""
+        """Add at most 5 warnings about parameters without a value, at which the simulator may stop even if unused."""
         idle = [name for name in self.block.parameters if name not in self._known]
         for name in idle[:_MOST_NOTED]:
             definition = self.block.parameters[name]

@@ -23,11 +23,11 @@ from resgrid.spice.read.spectre import PRIMITIVES, word_for
 from resgrid.spice.read.temperature import refuse_temperature
 
 MAX_DEPTH = 50
-"""Maximum nesting depth of subcircuits; deeper nesting is an error of the deck."""
+"""Maximum nesting depth of instances of subcircuits; deeper nesting is an error of the deck."""
 MAX_ELEMENTS = 20_000_000
-"""Upper bound of the default limit on the number of elements after expansion; the caller's own limit may exceed it."""
+"""Upper bound of the default limit of `read_spice` on the number of elements of a deck after expansion."""
 FREE_GROWTH, MAX_GROWTH = 500_000, 5000
-"""Default limit of the number of elements after expansion: `FREE_GROWTH`, or `MAX_GROWTH` per card if that is more."""
+"""Default limit on the elements after expansion: the larger of `FREE_GROWTH` and `MAX_GROWTH` times the cards."""
 _OWN_MULTIPLIER = re.compile(r"^[^vs].*[\s,]m\s*=", re.IGNORECASE)
 _BLANK = re.compile(r"\s")
 
@@ -248,7 +248,7 @@ class Expander:
         return value
 
     def _ordered(self, instance: Instance, scope: Scope) -> list[Setting]:
-        """Return the parameters of an instance in an order in which each follows those that its expression uses.
+        """Return the parameters of an instance in an order in which each one follows those that its expression uses.
 
         `scope`: scope that contains the instance.  If a parameter is given twice, only the last one is returned.
         """
@@ -370,7 +370,7 @@ def _stamp(flat: FlatSubcircuit, instances: list[tuple[Instance, float]], elemen
 
 
 def _names_of_instances(instances: list[tuple[Instance, float]], part: ElementArrays) -> list[str]:
-    """Return the names ``instance.element`` of all copied elements; `part`: elements; `instances`: with multipliers."""
+    """Return the names ``instance.element`` of the copies of `part`; `instances`: pairs of instance and multiplier."""
     names = part.names()
     return [f"{instance.name}.{name}" for instance, _ in instances for name in names]
 

@@ -11,8 +11,9 @@ from resgrid.spice.read.scopes import TemperatureUse
 def refuse_unsupported(card: Card, use: TemperatureUse, ohms: float | None) -> None:
     """Raise CardError if an expression uses the temperature in a way that the dialect's simulator cannot evaluate.
 
-    `card`: the card with the expression; `use`: record of its evaluation; `ohms`: its value if it is a resistance, None
-    for other values. A resistance of 0 ohm that depends on the temperature is also an error.
+    The reason is a function or operator that is not available together with the temperature, or a resistance of 0 ohm.
+    `card`: the card with the expression; `use`: record of the evaluation; `ohms`: value of the expression if it is a
+    resistance, in ohms, None for other quantities.
     """
     words = card.rules.words
     if not use.used or not words.temperature_in_values:
@@ -36,9 +37,9 @@ def refuse_dropped(
     """Raise CardError for parts of a resistor that ngspice drops or misreads with a temperature-dependent value.
 
     ngspice replaces such a resistor by a B element.  A B element supports only ``tc1`` and ``tc2``, relative to 27
-    degrees Celsius for every nominal temperature, and misreads parentheses in names of nodes.  `use`: record of the
-    evaluation; `keys`: keys of the resistor, and "model" if it has a model; `nodes`: names of its nodes; `nominal`:
-    nominal temperature, in degrees Celsius.
+    degrees Celsius for every nominal temperature, and misreads parentheses in names of nodes.  `card`: the resistor;
+    `use`: record of the evaluation of the value; `keys`: keys of the resistor, and "model" if it has a model; `nodes`:
+    names of its nodes; `nominal`: nominal temperature, in degrees Celsius.
     """
     if not use.used or not card.rules.words.temperature_in_values:
         return
@@ -57,10 +58,10 @@ def refuse_dropped(
 
 
 def refuse_temperature(card: Card, offset: int | None, place: str) -> None:
-    """Raise CardError for a value that uses the temperature, if the dialect's simulator does not know it there.
+    """Raise CardError for a use of the temperature outside the values of elements, in dialects that know no other use.
 
-    `card`: the card with the value; `offset`: position in the card, None for the whole card; `place`: description of
-    the value in the message.
+    `card`: the card; `offset`: position in the text of the card, None for the whole card; `place`: description of the
+    place in the message, such as ``m=``.
     """
     words = card.rules.words
     if words.temperature_in_values:

@@ -13,7 +13,8 @@ from resgrid.spice.read.scopes import Scope
 _DELAYS = {"pulse": (2,), "sin": (3,), "sine": (3,), "exp": (2, 4), "pwl": (), "sffm": ()}
 """Positions of the delay times among the values of a waveform, counted from 0, by the waveform's name in lower case.
 
-The tuple is empty for a waveform without delays among its values. Other waveforms are not supported.
+A waveform with a negative delay begins before time 0 and is rejected. The tuple is empty for a waveform without delays
+among its values. Waveforms that are not keys are not supported.
 """
 
 _OTHER_WAVEFORMS = frozenset(

@@ -22,7 +22,7 @@ from resgrid.spice.circuit import CONDUCTING, Circuit
 from resgrid.spice.dialects import DIALECTS
 
 _FIRST_WITH_KLU = 42
-"""First version of ngspice whose cost is that of KLU (a matrix package for circuits); the major version number."""
+"""First major version of ngspice with the matrix package KLU, from which on the costs are those of ``ngspice-klu``."""
 _RANDOM_WIDTH = 0.117
 """Coefficient ``a`` of the upper limit ``a * k * n**(2/3)`` of the core's width in the cost model.
 
@@ -33,7 +33,7 @@ elimination.
 
 
 COSTS = {engine: costs for dialect in DIALECTS.values() for engine, costs in dialect.engines.items()}
-"""Coefficients of the cost model by name of the engine: "ngspice", "ngspice-klu" (ngspice with KLU), "eecircuit"."""
+"""Coefficients of the cost model (`Costs`) of an engine, by the name "ngspice", "ngspice-klu" or "eecircuit"."""
 
 
 @dataclass(frozen=True)
@@ -121,9 +121,10 @@ def core_of(circuit: Circuit) -> tuple[int, float]:
 
 
 def _strip_leaves(graph: Any, degree: NDArray[np.int64]) -> None:
-    """Remove nodes with one neighbour until none is left; removal sets their entries of `degree` to 0 in place.
+    """Set the `degree` of nodes with one neighbour to 0, until no such node is left; this removes dangling trees.
 
-    `graph`: compressed sparse rows of the symmetric adjacency; `degree` (nodes,): number of neighbours of every node.
+    `graph`: symmetric adjacency in compressed sparse rows, not changed; `degree` (nodes,): number of remaining
+    neighbours of every node, changed in place.
     """
     leaves = np.flatnonzero(degree == 1).tolist()
     while leaves:

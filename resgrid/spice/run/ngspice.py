@@ -35,9 +35,9 @@ _PLOT = "Operating Point"
 _MAX_LOG = 2**20
 """Maximum number of bytes that are read from the beginning of a simulator's log; later messages are ignored."""
 _MAX_SECONDS = 2**31
-"""Largest limit of the processor time of a simulator run, in seconds; a longer timeout is reduced to this limit."""
+"""Largest value to which the processor time of a simulator run is limited, in seconds, also for a longer timeout."""
 _MAX_COMPLAINTS = 10
-"""Maximum number of different warnings and errors of a simulator that `SimulatorRun.complaints` contains."""
+"""Maximum number of different lines with a warning or error of the simulator that `SimulatorRun.complaints` holds."""
 MAX_ASCENT = 8
 """Maximum number of leading ``..`` in the name of an included file.
 
@@ -123,8 +123,8 @@ def ngspice_version() -> str:
 def find_program(variable: str, name: str, remedy: str) -> str:
     """Return the absolute path of the program `name`, or of the program that the environment variable `variable` names.
 
-    `remedy`: message of the ToolMissingError that is raised if the program is not installed; its field ``name`` becomes
-    the program.
+    `remedy`: message of the ToolMissingError that is raised if the program is not installed; ``{name}`` in this text
+    stands for the name of the program.
     """
     named = os.environ.get(variable) or name
     path = shutil.which(named)
@@ -243,7 +243,10 @@ def result_in(folder: Path, simulator: str, version: str, status: int) -> Simula
 
 
 def complaints_in(folder: Path, simulator: str) -> tuple[str, ...]:
-    """Return the warnings and errors in the log in a folder, without harmless ones; `simulator`: its name."""
+    """Return at most 10 different warnings and errors in the log of a run, without messages known to be harmless.
+
+    `folder`: folder of the log; `simulator`: name of the simulator, with which each message begins.
+    """
     lines = (re.sub(r"\s+", " ", line).strip() for line in re.split(r"[\r\n]+", _read_log(folder)))
     bad = dict.fromkeys(line for line in lines if _COMPLAINT.search(line) and not _HARMLESS.search(line))
     return tuple(f"{simulator} says: {line[:200]}" for line in list(bad)[:_MAX_COMPLAINTS])
@@ -258,7 +261,7 @@ def bare_name(name: str) -> str:
 def plot_in(folder: Path, plot: str, analysis: str) -> RawFile:
     """Return the raw file in a folder; raise InputError if it is missing or holds another plot.
 
-    `plot`: expected name of the plot; `analysis`: the analysis in messages, with its article.
+    `plot`: expected name of the plot; `analysis`: name of the analysis in messages, such as "an operating point".
     """
     path = folder / RAW
     if not path.is_file():

@@ -23,10 +23,10 @@ _PLOT = "Transient Analysis"
 def simulate_transient(
     deck: tuple[str, bytes], commands: bytes, *, source: str, timeout: float
 ) -> tuple[RawFile | None, str, tuple[str, ...]]:
-    """Run the transient of a deck in ngspice; return its plot, the version, and messages of the simulator.
+    """Run the transient of a deck in ngspice; return the waveforms, the version of ngspice, and its messages.
 
     `deck`: file name and content of the deck; `commands`: content of the file that includes it; `source`: name of the
-    deck in messages; `timeout`: longest run, in seconds.  The plot is None if there is no usable result.  Raise
+    deck in messages; `timeout`: longest run, in seconds.  The waveforms are None without a usable result.  Raise
     ToolMissingError if ngspice is not installed, InputError for a deck with commands, and BudgetError after the
     timeout.
     """

@@ -45,7 +45,8 @@ class WrittenDeck:
     sha256 : str
         Hash of the deck, 64 hexadecimal digits.
     companion : pathlib.Path or None
-        The self-check deck, with which ngspice prints PASS or FAIL; None for other dialects, and for random values.
+        The self-check deck, with which ngspice prints PASS or FAIL; None if it was not written: for other dialects, for
+        resistances that the simulator draws, without ``verify``, and for more than 400,000 comparisons.
     chip, pattern : pathlib.Path or None
         Files that a deck in tile form (one subcircuit per cell) includes: the array of subcircuits, and the states of
         the cells.  None in flat form.
@@ -222,10 +223,11 @@ def checked_target(target: Path) -> Path:
 
 
 def write_set(target: Path, deck: str, texts: Mapping[str, str]) -> dict[str, Path]:
-    """Write a deck and the files that accompany it; return the paths of these files by suffix.
+    """Write a deck and the files that accompany it; return the paths of the accompanying files by suffix.
 
-    `target`, `deck`: path and content of the deck; `texts`: contents of the other files by suffix.  All files are
-    renamed at the end, the deck last, so that hashes reveal an interrupted set.
+    The name of a file is that of the deck, a point and the suffix, such as ``room.cir.json``.  Files get their names at
+    the end, the deck last, so that hashes reveal an interrupted set.  `target`, `deck`: path and content of the deck;
+    `texts`: contents of the accompanying files by suffix.
     """
     files = {key: target.with_name(f"{target.name}.{key}") for key in texts}
     with ExitStack() as stack:

@@ -66,8 +66,8 @@ class Additions:
     """Changes of a deck's lines that analyses require.
 
     `suffix`: text appended to the line of a voltage source (a waveform), by the netlist index of the source; `first`:
-    text appended to the line of the voltage source with the lowest netlist index; `spread`: relative standard deviation
-    of the resistances, which the simulator draws; 0 for fixed values.
+    text appended to the line of the voltage source with the lowest netlist index (the input of a noise analysis), empty
+    for none; `spread`: relative standard deviation of the resistances, which the simulator draws; 0 for fixed values.
     """
 
     suffix: Mapping[int, str] = field(default_factory=dict)
@@ -160,12 +160,11 @@ def plain(values: NDArray[np.float64]) -> list[str]:
 
 
 def resistances(conductance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return resistances whose floating-point reciprocals equal the given conductances, where such doubles exist.
+    """Return resistances (m,), in ohms, whose floating-point reciprocals equal the given conductances if possible.
 
-    The candidates are ``1 / conductance`` rounded to 12 digits (which restores 3300.0 from 1 / 3300.0), that quotient
-    itself, and its two neighbours; the first one with an exact reciprocal is used, else the quotient.
-
-    Shapes: `conductance` (m,) in siemens; returns (m,) in ohms.
+    The candidates are the quotient ``1 / conductance`` rounded to 12 digits (which restores 3300.0 from 1 / 3300.0),
+    the quotient itself, and the two doubles next to it.  The first one whose reciprocal is exactly the conductance is
+    used; without such a candidate, the quotient.  `conductance` (m,): in siemens.
     """
     nearest = 1 / conductance
     best = nearest.copy()
@@ -186,7 +185,7 @@ def rounded(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def grounded_nodes(netlist: Netlist) -> NDArray[np.bool_]:
-    """Return the mask (node_count,) of the nodes that resistors and voltage sources connect to ground.
+    """Return the mask (node_count,) of ground and the nodes that resistors and voltage sources connect to ground.
 
     Raises InputError if only ground is in the mask, and CircuitError for a current source that drives a floating node.
     """
@@ -210,7 +209,8 @@ def choose_elements(netlist: Netlist, held: NDArray[np.bool_]) -> dict[str, NDAr
     """Return the netlist indices of the elements in the deck, by kind, sorted by nodes and then by values.
 
     Kinds are ``"resistor"``, ``"voltage source"`` and so on.  Elements at nodes outside the deck, and voltage sources
-    that close a loop of voltage sources, are left out.  `held` (node_count,): mask of the nodes in the deck.
+    that close a loop of voltage sources, are left out.  Resistors at the same nodes are sorted by ascending resistance.
+    `held` (node_count,): mask of the nodes in the deck.
     """
     from resgrid.circuit.sources import tie_sources
 
@@ -243,9 +243,9 @@ def lines_of(
     """Return the lines of the elements of one kind.
 
     `netlist, rules`: the circuit, and the dialect of the deck; `kind`: kind, such as ``"resistor"``; `chosen` (m,):
-    netlist indices of the elements; `names` (node_count,): deck names of all nodes; `columns`: texts for the fields of
-    the line's template by name, m each: ``name``, and for resistors ``value``; `additions`: changes that analyses
-    require.
+    netlist indices of the elements; `names` (node_count,): deck names of all nodes; `columns`: m texts for each of the
+    fields ``name`` and, for resistors, ``value`` of the template of the line, by field; `additions`: changes that
+    analyses require.
     """
     template: str = getattr(rules, kind.replace(" ", "_"))
     first, second = getattr(netlist, ELEMENTS[kind][0])[chosen].T.tolist()
@@ -296,8 +296,8 @@ def spread_preamble(rules: Dialect, sigma: float, *, temperature: bool = False) 
 def _renamed(names: Sequence[str], given: Sequence[str] | None, numbers: NDArray[np.int64]) -> dict[str, str]:
     """Return the netlist name by deck name, where the two names differ.
 
-    `names` (n,): deck names; `given`: all names in the netlist, None without names; `numbers` (n,): index in `given` of
-    each deck name.
+    `names` (n,): deck names; `given`: all names in the netlist, None without names (then the result is empty);
+    `numbers` (n,): index in `given` of each deck name.
     """
     if given is None:
         return {}
@@ -306,7 +306,7 @@ def _renamed(names: Sequence[str], given: Sequence[str] | None, numbers: NDArray
 
 
 def one_line_title(netlist: Netlist, title: str | None) -> str:
-    """Return the title as one line of at most 200 printable ASCII characters, as old simulators read only ASCII.
+    """Return the title of a deck as one line of at most 200 printable ASCII characters; other characters become ``?``.
 
     `title`: text of the title; None for a description of the netlist.
     """

@@ -40,13 +40,13 @@ from resgrid.spice.write.names import legal_names, name_elements, name_nodes
 from resgrid.spice.write.sidecar import digest
 
 _GAIN = 1e5
-"""Ratio of the gain ``K`` and the largest possible drift of a state."""
+"""Gain ``K`` of the rectangular window, in 1/s, divided by the largest possible drift of a state, in 1/s."""
 
 _OUTPUTS = 10
-"""Number of times at which the sidecar holds expected values."""
+"""Number of times, equally spaced from ``stop / 10`` to ``stop``, at which the sidecar holds expected values."""
 
 _STEPS = 1000
-"""Number of longest steps until the end of the transient."""
+"""End of the transient divided by the default of the simulator's longest time step."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,8 +153,9 @@ def format_memristive(
 ) -> MemristiveDeck:
     """Return the deck of a circuit with memristors.
 
-    `dialect`: name of the dialect; `title`: first line, None for a description; `corners` (n, 2): waveform of all
-    sources.  Raise InputError for an unknown dialect or a netlist without grounded nodes.
+    `dialect`: name of the dialect; `title`: first line, None for a description of the netlist; `corners` (n, 2): times
+    in seconds and factors of all sources, between which the factor is linear.  Raise InputError for an unknown dialect
+    or a netlist without grounded nodes.
     """
     rules, netlist = dialect_named(dialect), circuit.netlist
     held = grounded_nodes(netlist)
@@ -206,10 +207,10 @@ def format_memristive(
 def _memristor_lines(
     circuit: MemristiveCircuit, rules: Dialect, memristors: MemristorNames, labels: list[str], gain: float
 ) -> list[str]:
-    """Return the lines of all memristors, three each.
+    """Return the lines of all memristors, three each: current, drift of the state, and capacitor of the state.
 
     `rules`: dialect; `memristors`: names in the deck; `labels`: end of the names of the elements of every memristor;
-    `gain`: gain ``K`` at the limits, in 1/s.
+    `gain`: gain ``K`` of the drift at the limits 0 and 1 of the state, in 1/s.
     """
     law, lines = circuit.law, []
     for number, state, (a, b), label in zip(*memristors, labels, strict=True):
@@ -230,7 +231,8 @@ def _memristor_lines(
 def _drift(law: Memristor, speed: str, x: str, gain: float) -> str:
     """Return the expression of the drift of a state, in 1/s.
 
-    `speed`: expression of the drift without a window; `x`: expression of the state; `gain`: gain at the limits, in 1/s.
+    `law`: law of the memristor, whose window limits the drift; `speed`: expression of the drift without a window, in
+    1/s; `x`: expression of the state; `gain`: gain ``K`` of the drift at the limits 0 and 1 of the state, in 1/s.
     """
     if law.window == "rectangular":
         return f"max(min({speed},{gain!r}*(1-{x})),-{gain!r}*{x})"
@@ -239,16 +241,20 @@ def _drift(law: Memristor, speed: str, x: str, gain: float) -> str:
 
 
 def _gain(circuit: MemristiveCircuit, corners: NDArray[np.float64]) -> float:
-    """Return the gain ``K`` at the limits, in 1/s; `corners` (n, 2): waveform of all sources."""
+    """Return the gain ``K`` of the drift at the limits of a state, in 1/s: 1e5 times the largest possible drift.
+
+    `corners` (n, 2): times in seconds and factors of all sources.
+    """
     netlist, factor = circuit.netlist, float(np.abs(corners[:, 1]).max()) or 1.0
     amps = np.abs(netlist.source_volts).sum() / circuit.law.on_resistance + np.abs(netlist.current_amps).sum()
     return float(_GAIN * circuit.law.rate * factor * amps) or 1.0
 
 
 def _wave(rules: Dialect, value: float, corners: NDArray[np.float64]) -> str:
-    """Return the end of a source's line for its waveform; empty for a constant source.
+    """Return the text of a waveform at the end of a source's line; empty for a constant source with the factor 1.
 
-    `rules`: dialect; `value`: value of the source for the factor 1; `corners` (n, 2): times and factors.
+    `rules`: dialect; `value`: value of the source for the factor 1, in volts or amperes; `corners` (n, 2): times in
+    seconds and factors.
     """
     if len(corners) == 1 and corners[0, 1] == 1.0:
         return ""

@@ -20,11 +20,15 @@ _MAX_BYTES = 2**28
 """Largest sidecar that is read, in bytes."""
 
 TOLERANCE = 1e-3
-"""Largest accepted error of a voltage relative to the largest voltage difference, and of a state."""
+"""Largest accepted error of a state (0 to 1), and of a voltage as a fraction of the largest difference of voltages."""
 
 
 class MemristorNames(NamedTuple):
-    """Memristors of a deck: their numbers in the circuit (m,), names of their states, and names of both nodes."""
+    """Memristors of a deck.
+
+    `number` (m,): indices among the memristors of the circuit; `state`: m names of the nodes whose voltage is the
+    state; `ends`: m pairs of names of both nodes.
+    """
 
     number: NDArray[np.int64]
     state: list[str]
@@ -41,9 +45,10 @@ class MemristiveSidecar(BaseModel):
     """Content of the sidecar of a deck with memristors, without informative keys.
 
     `intact`: whether the file is unaltered according to its own hash; `own_sha256`, `sha256`: hashes of the file and of
-    the deck; `dialect`: name of the deck's dialect; `supply`: largest voltage difference, in volts; `tolerance`:
-    largest accepted relative error; `times`: times of the expected values, in seconds; `nodes`, `states`: expected
-    values by name; `companions`: hash of the file of commands by its name.
+    the deck; `dialect`: name of the deck's dialect; `supply`: largest difference of expected voltages, in volts;
+    `tolerance`: largest accepted error of a state, and of a voltage as a fraction of `supply`; `times`: times of the
+    expected values, in seconds; `nodes`, `states`: expected voltages and states by name; `companions`: hash of the file
+    of commands by the name of this file.
     """
 
     model_config = ConfigDict(strict=True, frozen=True)

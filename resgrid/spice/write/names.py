@@ -40,9 +40,10 @@ def name_nodes(netlist: Netlist, dialect: Dialect, held: NDArray[np.bool_]) -> l
 
 
 def name_elements(netlist: Netlist, kind: str, numbers: NDArray[np.int64], node_names: Sequence[str]) -> list[str]:
-    """Return the deck's names of n elements, made from their names in the netlist, or without these from node names.
+    """Return the deck's names of n elements, made from their names in the netlist or, if these have none, of nodes.
 
-    `kind`: kind of the elements; `numbers` (n,): netlist indices; `node_names` (node_count,): deck names of all nodes.
+    `kind`: kind of the elements, such as ``"resistor"``; `numbers` (n,): netlist indices; `node_names` (node_count,):
+    deck names of all nodes.
     """
     initial = INITIALS[kind]
     given = (netlist.element_names or {}).get(kind)

@@ -15,7 +15,7 @@ from resgrid.spice.write.flat import FlatDeck, plain
 from resgrid.spice.write.sidecar import Expected
 
 LARGEST = 400_000
-"""Maximum number of comparisons in a self-check deck; with more, ngspice would take hours."""
+"""Maximum number of comparisons of a self-check deck; with more, which would take hours, the deck is not written."""
 _PER_LINE = 40
 """Number of error expressions in one ``compose`` command, which makes a vector of their values."""
 
@@ -63,10 +63,10 @@ def format_self_check(name: str, deck: FlatDeck, expected: Expected, sha256: str
 
 
 def _errors(function: str, values: Mapping[str, float], scale: float) -> list[str]:
-    """Return one ngspice expression per value for its absolute error divided by `scale`, each after a blank.
+    """Return one ngspice expression per value, for the magnitude of its error divided by `scale`, each after a blank.
 
     `function`: beginning of the name of a simulated value, such as ``op1.v``; `values`: expected value in volts or
-    amperes, by the name of the node or source; `scale`: in the same unit.
+    amperes, by the name of the node or source; `scale`: scale of the errors in the same unit, such as the supply.
     """
     return [
         f" abs({function}({name}){'-' if value >= 0 else '+'}{abs(value)!r})/{scale!r}"
@@ -77,8 +77,8 @@ def _errors(function: str, values: Mapping[str, float], scale: float) -> list[st
 def _summary(groups: Mapping[tuple[str, str], list[str]]) -> list[str]:
     """Return the commands that print PASS or FAIL with the largest errors, and set the exit status of ngspice.
 
-    `groups`: error expressions of each group; the key of a group is the quantity ("voltages", ...) and the scale of its
-    errors as text ("of the supply", ...).
+    `groups`: ngspice expressions of relative errors, by the quantity ("voltages", ...) and the scale of the errors as
+    text ("of the supply", ...).
     """
     total = sum(map(len, groups.values()))
     counts = ", ".join(

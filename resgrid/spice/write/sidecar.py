@@ -40,7 +40,7 @@ BLANK = "0" * 64
 _CONDUCTANCE_FRACTION = 1e-3
 """Lower limit of the scale of current errors, as a fraction of the largest conductance times the supply voltage.
 
-Where this product is much larger than the supply current, the rounding error of source currents is about 1e-13 of the
+Where this product is much larger than the source currents, the rounding error of source currents is about 1e-13 of the
 product (measured with ngspice 39 and 46).  The tolerance of 1e-9 of the scale is then ten times the rounding error.
 """
 
@@ -54,9 +54,9 @@ class Expected:
 
     `voltage`: voltage of every node except ground by name, in volts; `source_current`: current into the plus terminal
     of every voltage source by name, in amperes, None if it is undetermined; `supply`: scale of voltage errors, the
-    largest voltage difference in the circuit, in volts (1 if all nodes have the same voltage); `current_scale`: scale
-    of current errors, in amperes; `kcl_residual`: largest violation of Kirchhoff's current law, relative to the current
-    through the same node.
+    largest voltage difference in the circuit, in volts (1 if all voltages are 0); `current_scale`: scale of current
+    errors, in amperes: the largest source current, but at least 1e-3 times the largest conductance times `supply`;
+    `kcl_residual`: largest violation of Kirchhoff's current law, relative to the current through the same node.
     """
 
     voltage: Mapping[str, float]
@@ -138,8 +138,8 @@ class Sidecar(BaseModel):
     `path`: path of the sidecar; `intact`: whether the file is unaltered according to its own hash; `schema_`: version
     of the format; `sha256`: hash of the deck, hexadecimal; `dialect`: name of the deck's dialect; `blocks`: hashes of
     the deck's groups of lines; `nodes, sources, supply, current_scale, kcl_residual`: expected results, which
-    `expected` returns as one object; `files`: hashes of the files that the deck includes, empty for a flat deck;
-    `companions`: hashes of the files that include the deck.
+    `expected` returns as one object; `files`: hashes of the files that the deck includes, by file name, empty for a
+    flat deck; `companions`: hashes of the files that include the deck, by file name.
     """
 
     model_config = ConfigDict(strict=True, frozen=True)
@@ -201,7 +201,8 @@ def format_sidecar(deck_name: str, deck: FlatDeck, expected: Expected, more: Map
 def format_hashed(head: Mapping[str, Any], tables: Mapping[str, Iterable[str]]) -> str:
     """Return a JSON object as text, with its own hash in place of the first `BLANK`.
 
-    `head`: keys and values, one per line; `tables`: further objects by key, as lines of JSON without commas.
+    `head`: keys and values, one per line, of which one value is `BLANK`; `tables`: further objects by key, each as
+    lines ``"name": value`` of JSON without commas at the end.
     """
     fields = [f"{json.dumps(key)}: {json.dumps(value, sort_keys=True, allow_nan=False)}" for key, value in head.items()]
     fields += [f'"{key}": {{\n' + ",\n".join(lines) + "\n}" for key, lines in tables.items()]
@@ -217,7 +218,7 @@ def is_intact(data: bytes) -> bool:
 
 
 def _node_lines(deck: FlatDeck, expected: Expected) -> Iterator[str]:
-    """Yield one JSON line per node: coordinates of its cell (null without a cell) and expected voltage in volts."""
+    """Yield one JSON line per node: index of its cell along each axis (null without one), expected voltage in volts."""
     cells = ["null"] * len(deck.nodes)
     if deck.netlist.space_map is not None:
         flat = deck.netlist.cell_of_node()[deck.nodes]

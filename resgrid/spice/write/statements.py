@@ -32,9 +32,12 @@ _KIND_WORDS: dict[type[Analysis], str] = {
     TemperatureAnalysis: "dc",
     MismatchAnalysis: "dc",
 }
-"""Name of each kind of analysis in statements that save or print results (``tran``, ...); empty if none is needed."""
+"""Word for each kind of analysis in statements that save or print results (``tran``, ...).
+
+The word of a noise analysis is empty, because it needs no such statement.
+"""
 _SAME_NODES, _SAME_VALUES = ("resistor", "voltage source"), ("capacitor", "nonlinear resistor")
-"""Kinds of element whose nodes must not change in a transient, and kinds whose values must not change either."""
+"""Kinds of element of which a transient may change the values only, and kinds of which it may not change anything."""
 
 
 def only_one(analyses: Sequence[Analysis], kind: type[Analysis]) -> Any:
@@ -91,11 +94,11 @@ def _ends(netlist: Netlist, kind: str) -> list[tuple[str, str]]:
 
 
 def _sums(netlist: Netlist, kind: str, key: str) -> dict[tuple[str, str], float]:
-    """Return the sum of a value over parallel elements, by the names of their two nodes.
+    """Return the sum of a value over parallel elements of a kind, by the names of their two nodes.
 
-    `netlist`: the circuit; `kind`: kind of element; `key`: name of the value in the graph of a netlist, such as
-    ``"conductance"``.  The key of an entry is a pair of node names.  The result is empty if the netlist does not have
-    the value, such as temperature coefficients.
+    `kind`: kind of element, such as ``"resistor"``; `key`: name of the value, such as ``"conductance"`` or ``"tc1"``.
+    The key of an entry is a pair of node names.  The result is empty if the netlist does not have the value, such as
+    temperature coefficients.
     """
     values = getattr(netlist, ELEMENTS[kind][1][key])
     total: dict[tuple[str, str], float] = {}
@@ -109,7 +112,8 @@ def format_commands(name: str, deck: FlatDeck, requested: Sequence[Analysis]) ->
     """Return the text of the file that includes a deck and requests analyses.
 
     `name`: file name of the deck; `requested`: the analyses, empty for the operating point.  Raises InputError for
-    analyses that do not fit the deck or cannot share a file.
+    analyses that name nodes or sources that the deck does not have, and for several analyses if the dialect allows only
+    one in a file.
     """
     analyses = requested or [OperatingAnalysis()]
     heading = "analyses" if requested else "operating point"

@@ -26,7 +26,10 @@ _BLOCKED = "{0}*(2-{0})*(3-{0})/2"
 _GOAL = "{0}*({0}-1)*(3-{0})/2"
 _DRIVEN = "{0}*({0}-1)*({0}-2)/6"
 _FREE = "(1-{0})*(2-{0})*(3-{0})/6"
-"""Formulas of a tile's state: 1 if the state is that of the name (free 0, blocked 1, goal 2, driven 3), otherwise 0."""
+"""Templates of the formulas that are 1 for one state of a tile and 0 for the others.
+
+The constants have the name of this state (free 0, blocked 1, goal 2, driven 3); ``{0}`` stands for the state.
+"""
 
 
 def write_tiles(
@@ -56,8 +59,8 @@ def write_tiles(
 def _deck_lines(tiles: Tiles, flat: FlatDeck, name: str, additions: Additions) -> Iterator[str]:
     """Yield the lines of the main file: title, includes and voltage sources of the rails.
 
-    `flat`: the same netlist as a flat deck; `name`: file name of the deck; `additions`: text to append to the lines of
-    the voltage sources.
+    `flat`: flat deck of the same netlist, for title and dialect; `name`: file name of the deck; `additions`: text to
+    append to the lines of the voltage sources.
     """
     rules, netlist = flat.dialect, tiles.netlist
     yield f"{rules.comment}{flat.title}"
@@ -75,8 +78,8 @@ def _deck_lines(tiles: Tiles, flat: FlatDeck, name: str, additions: Additions) -
 def _pattern_lines(tiles: Tiles, flat: FlatDeck, labels: Sequence[str]) -> Iterator[str]:
     """Yield the lines of the pattern file: for every cell the definition of a parameter, whose value is its `State`.
 
-    `flat`: the same netlist as a flat deck; `labels` (cells,): coordinates of each cell as text in names, such as
-    ``0_1``.
+    With a uniform drive, a parameter for the injected current precedes them.  `flat`: flat deck of the same netlist,
+    for title and dialect; `labels` (cells,): indices of each cell as text in names, such as ``0_1``.
     """
     rules = flat.dialect
     yield f"{rules.comment}pattern: {flat.title}"
@@ -90,7 +93,7 @@ def _pattern_lines(tiles: Tiles, flat: FlatDeck, labels: Sequence[str]) -> Itera
 def _chip_lines(tiles: Tiles, rules: Dialect, labels: Sequence[str], spread: float) -> Iterator[str]:
     """Yield the lines of the chip file: subcircuits of tiles (cells), instances, and the resistors at the grid's edge.
 
-    `rules`: dialect of the deck; `labels` (cells,): coordinates of each cell as text in names, such as ``0_1``;
+    `rules`: dialect of the deck; `labels` (cells,): indices of each cell as text in names, such as ``0_1``;
     `spread`: relative standard deviation of the resistances, 0 for fixed values.
     """
     dimensions, links = len(tiles.shape), tiles.links
@@ -116,10 +119,11 @@ def _chip_lines(tiles: Tiles, rules: Dialect, labels: Sequence[str], spread: flo
 
 
 def _parameters(tiles: Tiles, axis: int) -> dict[str, tuple[NDArray[np.float64], float]]:
-    """Return the subcircuit parameters of a tile's resistor along an axis, by name, each as a pair of values.
+    """Return the subcircuit parameters of a tile's resistor along an axis, by name, each as a pair of values in ohms.
 
-    Names: ``resistance_<axis>``, and that of the wall resistance if there is one.  The pair holds the parameter of
-    every resistor of the grid (n,) and the most frequent value along this axis, both in ohms.
+    Names: ``resistance_<axis>``, and that of the wall resistance if there is one.  The pair consists of the values for
+    all resistors of the grid (n,), and the default of the subcircuit: the most frequent resistance along this axis, or
+    the nominal wall resistance.
     """
     own = tiles.resistance[tiles.links[tiles.axis[tiles.links] == axis]]
     values, count = np.unique(own, return_counts=True)
@@ -238,10 +242,10 @@ def _internodal(tiles: Tiles, axis: int) -> str:
 def _instances(
     rules: Dialect, tiles: Tiles, link: NDArray[np.int64], masters: Sequence[str], labels: Sequence[str]
 ) -> Iterator[str]:
-    """Yield one instance line per cell; a parameter with its most frequent value is left to the subcircuit's default.
+    """Yield one instance line per cell; a parameter whose value is the default of the subcircuit is left out.
 
     `rules`: dialect of the deck; `link` (cells, axes): index of the cell's resistor along each axis, -1 for none;
-    `masters` (cells,): names of the subcircuits; `labels` (cells,): coordinates of each cell as text in names, such as
+    `masters` (cells,): names of the subcircuits; `labels` (cells,): indices of each cell as text in names, such as
     ``0_1``.
     """
     usual = [
@@ -271,7 +275,7 @@ def _instances(
 def _edge_names(tiles: Tiles, labels: Sequence[str]) -> list[str]:
     """Return the names of the resistors at the grid's edge, such as ``r_edge_0_1_0_upper`` (cell, axis, side).
 
-    `labels` (cells,): coordinates of each cell as text in names, such as ``0_1``.
+    `labels` (cells,): indices of each cell as text in names, such as ``0_1``.
     """
     columns = (column[tiles.edges].tolist() for column in (tiles.cell, tiles.axis, tiles.upward))
     return [
@@ -284,7 +288,7 @@ def _edge_values(rules: Dialect, tiles: Tiles, labels: Sequence[str]) -> list[st
     """Return the resistances between edge cells and the obstacle rail as text, in ohms, one per resistor.
 
     With a wall boundary the texts are expressions of the cell's state instead of numbers.  `labels` (cells,):
-    coordinates of each cell as text in names, such as ``0_1``.
+    indices of each cell as text in names, such as ``0_1``.
     """
     ohms = plain(tiles.resistance[tiles.edges])
     if not tiles.wiring.wall_resistance:
@@ -299,7 +303,7 @@ def _edge_values(rules: Dialect, tiles: Tiles, labels: Sequence[str]) -> list[st
 def _simulated_resistors(tiles: Tiles, labels: Sequence[str]) -> tuple[list[str], NDArray[np.float64]]:
     """Return ngspice's names of all resistors after the expansion of subcircuits, and their resistances (n,) in ohms.
 
-    `labels` (cells,): coordinates of each cell as text in names, such as ``0_1``.
+    `labels` (cells,): indices of each cell as text in names, such as ``0_1``.
     """
     links, edges = tiles.links, tiles.edges
     places = [

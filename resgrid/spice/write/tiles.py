@@ -55,8 +55,8 @@ class Tiles:
     `State` of every tile. The other arrays describe the resistors of the grid, shapes (n,): `cell`: flat index of the
     cell whose tile holds the resistor; `beyond`: index of the neighbouring cell, -1 for the obstacle rail beyond the
     grid's edge; `axis`: axis of the resistor; `upward`: whether it leads from the cell towards larger coordinates;
-    `resistance`: in ohms; `wall`: wall resistance at a contact with an obstacle, in ohms; `series`: total resistance in
-    series with the resistor in this scene, in ohms.
+    `resistance`: of the resistor alone, in ohms; `wall`: wall resistance at a contact with an obstacle, in ohms, 0
+    without walls; `series`: resistance of wall and switch in series with the resistor in this scene, in ohms.
     """
 
     netlist: Netlist
@@ -103,7 +103,7 @@ class Tiles:
 
 
 def with_tile_switches(chip: Chip, boundary: str) -> Chip:
-    """Return a copy of a chip with all switches that its tiles need; added switches have 10 ohm (on) and 10 Gohm (off).
+    """Return a copy of a chip with all switches that its tiles need, where missing ones get 10 ohm (on), 10 Gohm (off).
 
     `boundary`: boundary of the wiring, such as ``"neumann"``, which decides whether internodal switches are needed.
     """
@@ -115,7 +115,8 @@ def with_tile_switches(chip: Chip, boundary: str) -> Chip:
 def _needed_switches(chip: Chip, boundary: str) -> list[str]:
     """Return the chip's keys for the resistances of the switches that its tiles need, such as ``goal_switch_on``.
 
-    `boundary`: boundary of the wiring; ``"neumann"`` and ``"wall"`` need internodal switches, between cells.
+    All tiles need rail switches.  Tiles need switches between cells (internodal) if the boundary of the wiring,
+    `boundary`, is ``"neumann"`` or ``"wall"``, or if the chip states their resistances.
     """
     between = boundary in ("neumann", "wall") or any((chip.internodal_switch_on, chip.internodal_switch_off))
     return [f"{name}_switch_{end}" for name in (SWITCHES if between else RAILS) for end in ENDS]
@@ -135,8 +136,9 @@ def tile_values(netlist: Netlist, chip: Chip) -> dict[str, float | None]:
 def difference_from_ideal(op: OperatingPoint) -> float | None:
     """Return the largest magnitude of the voltage difference, in volts, between a chip and its ideal circuit.
 
-    All free cells are compared.  The ideal circuit is that of the same space without switches and mismatch.
-    `op`: operating point of the chip.  Returns None if the ideal circuit has no operating point.
+    All free cells with a voltage in both circuits are compared.  The ideal circuit is that of the same space without
+    switches and mismatch, with the same injected currents.  `op`: operating point of the chip.  Returns None if the
+    ideal circuit has no operating point.
     """
     cells = op.netlist.cells
     ideal = compile_space(cells.space, cells.wiring)
@@ -211,10 +213,11 @@ def tiles_of(netlist: Netlist, chip: Chip) -> Tiles:
 
 
 def _round_within_error(ohms: NDArray[np.float64], total: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return resistances rounded to 12 digits where that changes them by at most 8 machine epsilons of a series sum.
+    """Return resistances (n,), in ohms, rounded to 12 significant digits where rounding stays within rounding errors.
 
-    `ohms` (n,): resistances, in ohms; `total` (n,): the series sum that contains each resistance, in ohms; NaN counts
-    as the resistance itself.  The result has the shape (n,).
+    Other resistances are unchanged.  The largest accepted change is 8 machine epsilons times `total`.  `ohms` (n,): the
+    resistances, in ohms; `total` (n,): sum of the series connection that contains each resistance, in ohms, NaN if
+    there is none, which counts as the resistance itself.
     """
     with np.errstate(invalid="ignore"):
         short = rounded(ohms)
