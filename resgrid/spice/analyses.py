@@ -278,7 +278,7 @@ class Measure:
         Name of the node in the deck whose voltage is measured.
     what : {"maximum", "minimum", "value", "crossing"}
         Largest or smallest voltage of the node, voltage at the time `at`, or time at which the voltage first crosses
-        `at`.
+        `at`, rising or falling.
     at : float or None
         Time in seconds (``"value"``) or voltage in volts (``"crossing"``); None for a maximum and a minimum.
 
@@ -321,7 +321,7 @@ Analysis = (
 
 
 def kind_of(analysis: Analysis) -> str:
-    """Return the name of an analysis: ``"operating"``, ``"transient"``, ``"noise"`` and so on.
+    """Return the name of an analysis, such as ``"operating"``, ``"transient"``, ``"probe"`` or ``"measure"``.
 
     Parameters
     ----------

@@ -41,7 +41,7 @@ class Agreement:
     simulator, version : str
         Simulator that was run, and its version.
     tolerance : float
-        Largest relative error that still agrees.
+        Largest accepted error: of a voltage relative to the supply, of a source current relative to the largest one.
     findings : tuple of str
         Messages about differences above the tolerance (at most 5 nodes and 5 voltage sources), about names that only
         one side has, about altered files, and of the simulator; empty if there are none.
@@ -162,7 +162,7 @@ def unverified(agreement: Agreement, why: str) -> Agreement:
     """Return the result for a deck that was not run, from the comparison of a deck that was written in its place.
 
     `agreement`: comparison of the deck that was run, which becomes the attribute `as_read` of the result; `why`: reason
-    for which the original deck was not run.  The result disagrees if `agreement` does; otherwise `agrees` is None.
+    for which the original deck was not run.  `agrees` of the result is False if it is False in `agreement`, else None.
     """
     return replace(
         agreement,

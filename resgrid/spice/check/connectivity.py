@@ -120,7 +120,7 @@ class Loops:
 
     `sources, inductors, shorts`: indices of the voltage sources, the inductors (indices of voltage sources, too) and
     the resistors that close a loop with a voltage sum of zero; `contradictions`: a tuple for each element that closes a
-    loop with another voltage sum: kind ("voltage source" or "resistor"), index, and this sum in volts.
+    loop with another voltage sum: kind ("voltage source" or "resistor"), index, and magnitude of this sum in volts.
     """
 
     sources: NDArray[np.int64]
@@ -154,10 +154,10 @@ def loop_voltages(
     """Return the mismatch of every voltage source, the mask of sources that close loops, and that of contradictions.
 
     Sources, taken in their order, form a spanning forest.  A source closes a loop if its nodes are connected in the
-    forest.  Its mismatch is its voltage minus the voltage between these nodes in the forest, in volts; it contradicts
-    the other sources if the mismatch exceeds rounding errors.  The mask of contradictions is a part of the first mask.
-    `ends` (sources, 2): plus and minus nodes; `volts` (sources,): voltages; `node_count`: number of nodes.  All results
-    have the shape (sources,).
+    forest.  Its mismatch is the magnitude of the difference between its voltage and the voltage between these nodes in
+    the forest, in volts.  A source that closes a loop contradicts the other sources if its mismatch exceeds 1e-12 of
+    the largest source voltage in the loop.  `ends` (sources, 2): plus and minus nodes; `volts` (sources,): voltages;
+    `node_count`: number of nodes.  All results have the shape (sources,).
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import minimum_spanning_tree

@@ -32,8 +32,9 @@ from resgrid.spice.write.sidecar import Sidecar, altered_files, expect, read_sid
 class _Limits:
     """Settings of one check.
 
-    `engine`: name of the simulator engine, "ngspice" or "eecircuit"; `tolerance`: largest accepted voltage error,
-    relative to the supply (the largest voltage difference in the circuit); `timeout`: longest run, in seconds.
+    `engine`: name of the simulator engine, "ngspice" or "eecircuit"; `tolerance`: largest accepted error, of a voltage
+    relative to the supply (the largest voltage difference in the circuit), of a source current relative to
+    `Expected.current_scale`; `timeout`: longest run, in seconds.
     """
 
     engine: str
@@ -51,7 +52,8 @@ class _Limits:
     def run(self, data: bytes, source: str, **options: Any) -> SimulatorRun:
         """Run the simulator on the content `data` of a deck and return the result.
 
-        `source`: name of the deck in messages; `options`: further arguments of the engine, such as ``direct``.
+        `source`: name of the deck in messages; `options`: further arguments of the engine: ``direct`` (whether the deck
+        contains an analysis statement), ``files`` and ``place`` (as in `Runnable`).
         """
         return engine_named(self.engine)(data, source=source, timeout=self.timeout, **options)
 
@@ -85,7 +87,8 @@ def check_deck(
         A deck's file, or a circuit.
     tolerance : float
         Largest accepted voltage error relative to the supply (the largest voltage difference in the circuit), and
-        largest accepted error of a source current relative to the largest source current.
+        largest accepted error of a source current relative to the largest source current, or to ``1e-3 G V`` if that
+        is more (largest conductance ``G``, supply ``V``).
     reference : OperatingPoint, optional
         Expected operating point, in place of the sidecar's voltages: that of the scene for a deck written by resgrid,
         that of the circuit itself for a `Circuit` that was read.  The hash in a sidecar is compared in either case.

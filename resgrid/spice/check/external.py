@@ -163,9 +163,10 @@ def _names(path: Path, data: bytes) -> Iterator[str]:
 
 
 def _is_plain(name: str) -> bool:
-    """Return whether a file name is a relative path of words without special characters, shorter than 256 characters.
+    """Return whether a file name is a relative path of harmless words between slashes, shorter than 256 characters.
 
-    At most 8 (`MAX_ASCENT`) leading words may be ``..``.
+    A harmless word consists of letters, digits and ``_.+,@=#%-``, and after the first character also of blanks.  At
+    most 8 (`MAX_ASCENT`) leading words may be ``..``, other words may not.
     """
     words = name.split("/")
     steps = next((i for i, word in enumerate(words) if word != ".."), len(words))
@@ -197,7 +198,7 @@ def expected_of(deck: Circuit, op: OperatingPoint, *, as_written: bool) -> Expec
     """Return the expected voltages and source currents of a deck by the names that the simulator uses.
 
     `deck`: the circuit that was read; `op`: its operating point; `as_written`: whether the simulator runs the file of
-    the deck itself, and not a deck written from the circuit.
+    the deck itself, whose names it uses in lower case, and not a deck written from the circuit, with legal names.
     """
     if not as_written:
         return expect(flatten(op.netlist, dialect=SIMULATED), op)

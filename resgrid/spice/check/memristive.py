@@ -76,7 +76,10 @@ def check_memristive(path: Path, data: bytes, sidecar: MemristiveSidecar, timeou
 
 
 def _altered(path: Path, data: bytes, commands: Path, sidecar: MemristiveSidecar) -> list[str]:
-    """Return a message for each of the deck, the file of commands and the sidecar that differs from the written one."""
+    """Return a message for each of the deck, the file of commands and the sidecar whose hash is not that in `sidecar`.
+
+    `path`, `data`: path and content of the deck; `commands`: path of the file of commands.
+    """
     name = sidecar_path(path).name
     pairs = [(path.name, digest(data), sidecar.sha256)]
     pairs.append((commands.name, digest(commands.read_bytes()), sidecar.companions.get(commands.name, "")))

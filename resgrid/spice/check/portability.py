@@ -55,9 +55,10 @@ class Prediction:
         ``"wrong"``: the simulator returns wrong voltages without an error message; ``"fails"``: it returns no result;
         ``"unsure"``: its behaviour is not known, or depends on rounding errors.
     max_error : float or None
-        Largest predicted voltage error, in volts; None if it was not computed.
+        Largest predicted voltage error, in volts; None if it was not computed, or if `worst_node` floats in the circuit
+        that the simulator reads.
     worst_node : str or None
-        Name of the node with the largest error; None if no error was computed.
+        Name of the node with the largest error, or of one that floats; None if no error was computed.
     reasons : tuple of str
         Reasons for an outcome other than ``"right"``, in words.
     basis : {"measured", "documented"}
@@ -160,8 +161,9 @@ def _predict_netlist(quirks: Quirks, resistance: NDArray[np.float64], errors: li
 def _predict_file(dialect: Dialect, case: _Case) -> _Result:
     """Return outcome, error in volts or None, worst node or None, and reasons for a deck's file.
 
-    The outcome is "right", "wrong", "fails" or "unsure"; error and node are None if not computed. `dialect`: dialect of
-    the simulator, by whose rules the file is read; `case`: the deck as its own dialect reads it.
+    The outcome is "right", "wrong", "fails" or "unsure"; error and node are None if not computed.  A node that floats
+    or is missing only by the simulator's rules is the worst node, with the error None.  `dialect`: dialect of the
+    simulator, by whose rules the file is read; `case`: the deck as its own dialect reads it.
     """
     label = dialect.label
     found = reread(case.deck, dialect)
@@ -288,7 +290,8 @@ def _cancellation(deck: Circuit, size: NDArray[np.float64]) -> tuple[str, ...]:
 
     `size` (m,): magnitudes of the resistances, in ohms.  Gaussian elimination in a group of nodes that large
     conductances connect subtracts these conductances from diagonal entries that contain them.  The remainder is the
-    conductance that leaves the group, with the rounding error of the large conductances.
+    conductance that leaves the group, with the rounding error of the large conductances.  This error is a reason if it
+    exceeds 1e-9 of the remainder.
     """
     usable = (size > 0) & np.isfinite(size)
     size, ends = size[usable], deck.resistor_nodes[usable]
@@ -312,10 +315,7 @@ def _cancellation(deck: Circuit, size: NDArray[np.float64]) -> tuple[str, ...]:
 
 
 def _uncertain_spread(resistance: NDArray[np.float64]) -> tuple[str, ...]:
-    """Return a reason for uncertainty if the largest and smallest resistance differ by a factor above 1e12, else ().
-
-    `resistance` (m,): in ohms.
-    """
+    """Return a reason for uncertainty if positive resistances (m,) differ by a factor above 1e12, else ()."""
     size = resistance[(resistance > 0) & np.isfinite(resistance)]
     if not size.size or size.max() <= _SAFE_SPREAD * size.min():
         return ()

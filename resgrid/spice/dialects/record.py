@@ -297,10 +297,10 @@ class Quirks:
     smaller resistances are raised, 0 ohm included; None if it is not known; `raises_zero_only`: whether only 0 ohm is
     raised; `floating`: nodes that receive a conductance `gmin` to ground if any node floats: all nodes ("everywhere"),
     the floating nodes ("there"), or "unknown"; `gmin`: its default value, in siemens; `gmin_options`: options that set
-    `gmin`, by decreasing precedence; `shunt_options`: unit of each option that adds a resistor from every node to
-    ground; `duplicates`: effect of a second element of the same name: end of the run ("fails") or "unknown"; `loops`:
-    whether all loops of voltage sources end the run ("fail"), or only loops that are tied to ground ("fail at ground");
-    other loops, and loops of inductors, are solved by a transient.
+    `gmin`, by decreasing precedence; `shunt_options`: unit ("ohms" or "siemens") of each option that adds a resistor
+    from every node to ground; `duplicates`: effect of a second element of one name: end of the run ("fails") or
+    "unknown"; `loops`: whether all loops of voltage sources end the run ("fail"), or only loops tied to ground ("fail
+    at ground"); other loops, and loops of inductors, are solved by a transient.
     """
 
     basis: Basis = "documented"

@@ -149,7 +149,7 @@ class OutputFiles:
         """Write a map in the format of the habitat raster, ASCII grid or GeoTIFF.
 
         `end`: end of the file name; `cells` (rows, columns): values, in A or V; `of_current`: whether the values are
-        currents, which become log10 if the job says so, or else voltages.
+        currents or voltages.  With ``log_transform_maps`` currents become log10, and a current of 0 becomes NODATA.
         """
         assert self.habitat is not None and self.conducting is not None
         if of_current and self.job.flag("log_transform_maps"):
@@ -215,7 +215,8 @@ def table_text(rows: NDArray[np.float64], separator: str = "\t") -> str:
 def grid_text(cells: NDArray[np.float64], place: Raster) -> str:
     """Return the text of an ESRI ASCII grid.
 
-    `cells` (rows, columns): values, top row first; `place`: raster with the same lower left corner and cell width.
+    `cells` (rows, columns): values, top row first, `NODATA` for an empty cell; `place`: raster with the same lower left
+    corner and cell width.
     """
     rows, columns = cells.shape
     header = {

@@ -4,7 +4,7 @@ McRae (2006), *Isolation by resistance*; McRae, Dickson, Keitt & Shah (2008), *U
 connectivity in ecology, evolution, and conservation*; the source of Circuitscape.jl.
 
 - **pairwise**: 1 A flows from the second point of a pair to the first; a region is one node while its pair is measured.
-- **one-to-all**: the strength of one point flows to all other points, which are at 0 V.
+- **one-to-all**: the strength of one point (a current, 1 A by default) flows to all other points, which are at 0 V.
 - **all-to-one**: the strengths of all other points flow to one point, which is at 0 V.
 
 The current of a cell is the larger of the currents into its node and out of it.
@@ -66,10 +66,11 @@ class ConnectivityResult:
         Effective resistances in ohms, of pairs or (one-to-all) from a point to all others together; all-to-one: zeros,
         as in Circuitscape.  The entry is -1 for a pair or point that is not connected or was left out.
     cumulative_current : ndarray of float64, or None
-        Sum of the currents of all solutions in amperes, shape (rows, columns) or (nodes,); None if the configuration
-        requests no maps.
+        Sum over all solutions of the current through every cell or node (the larger of the currents into and out of
+        it), in amperes, shape (rows, columns) or (nodes,); None if the configuration requests no maps.
     maximum_current : ndarray of float64, or None
-        Largest current of every cell or node in any solution, in amperes and in the shape of `cumulative_current`.
+        Largest current through every cell or node in any solution, in amperes, in the shape of `cumulative_current`;
+        None without maps.
     files : tuple of pathlib.Path
         The written files.
 

@@ -75,10 +75,10 @@ def whole_numbers(path: Path, values: NDArray[np.float64], kind: str = "focal po
 
 
 def read_points(path: Path, habitat: Raster) -> FocalPoints:
-    """Return the focal points of a raster, or of a text file with lines ``number x y``.
+    """Return the focal points of a raster, or of a text file with lines ``number x y`` (map coordinates of `habitat`).
 
-    A cell that is empty or has the number 0 or less is no focal point. `habitat`: raster of the job. Raises InputError
-    for a point outside the habitat.
+    An empty cell, and a cell or line with the number 0 or less, is no focal point.  Cells or lines of one number form a
+    region.  `habitat`: raster of the job.  Raises InputError for a point outside the habitat.
     """
     rows, columns = habitat.cells.shape
     if _is_raster(path):

@@ -47,7 +47,8 @@ def read_geotiff(path: Path) -> Raster:
 def write_geotiff(path: Path, cells: NDArray[np.float64], raster: Raster) -> Path:
     """Write cells (rows, columns) as a GeoTIFF in single precision; return its path.
 
-    `path`: path of the file; `raster`: raster whose georeference the file gets.
+    `path`: path of the file; `cells`: values, top row first, `NODATA` for an empty cell; `raster`: raster whose
+    georeference the file gets.
     """
     rasterio = _rasterio()
     rows, columns = cells.shape

@@ -42,7 +42,7 @@ def node_link(netlist: Netlist) -> dict[str, Any]:
     """Return a netlist as a graph in node-link form: a dict for JSON with the keys ``nodes`` and ``edges``.
 
     Both are lists of dictionaries: nodes with ``id``, edges with ``source`` and ``target`` (node identifiers), ``kind``
-    and values in SI units.
+    and values in SI units, such as ``conductance`` of a resistor (see `Netlist.to_networkx`).
     """
     import networkx as nx
 

@@ -34,9 +34,9 @@ class Measurement(NamedTuple):
 class Flow(NamedTuple):
     """Solution of one circuit of a Circuitscape job.
 
-    `resistance`: voltage of the first source divided by its current, in ohms; `voltage` (nodes,): in V;
-    `node_current` (nodes,): the larger of the currents into and out of the node, in A; both are 0 in components without
-    a source; `resistor_current` (resistors,): in A.
+    `resistance`: voltage of the first source divided by its current, in ohms, 0 for a source at 0 V; `voltage`
+    (nodes,): in V; `node_current` (nodes,): the larger of the currents into and out of the node, in A; both are 0 in
+    components without a source; `resistor_current` (resistors,): in A, from first to second node.
     """
 
     resistance: float

@@ -69,7 +69,8 @@ def siemens_of(cells: NDArray[np.float64], measure: Measure) -> NDArray[np.float
 def number_cells(conductance: NDArray[np.float64], polygon: NDArray[np.float64]) -> tuple[NDArray[np.int64], list[str]]:
     """Return the node number of every cell, (rows, columns), -1 for none, and the names of the nodes, ground first.
 
-    A polygon (short-circuit region) with a conducting cell is one node, to which its empty cells also belong.
+    A polygon (short-circuit region) with a conducting cell is one node, to which its empty cells also belong.  A node
+    is called ``r<row>_c<column>`` by its first conducting cell, counted from 0 in the order of rows.
     `conductance` (rows, columns): in S, 0 for an empty cell; `polygon` (rows, columns): number of the cell's polygon, 0
     for none.
     """

@@ -106,8 +106,8 @@ def _unquoted(card: Card, parts: list[Token], *, blanks: bool, alone: bool) -> T
 def _first_gap(card: Card, parts: list[Token], *, inside: bool) -> int | None:
     """Return the offset in the text of `card` of the first token after a gap; None without a gap.
 
-    A gap is a separator outside parentheses, and with `inside` also a blank within parentheses.  `parts`: the tokens of
-    a value.
+    A gap is a blank or comma outside parentheses, and with `inside` also a blank within parentheses.  `parts`: the
+    tokens of a value.
     """
     for depth, token, after in zip(depths(parts)[1:], parts, parts[1:], strict=False):
         gap = card.text[token.offset + len(token.text) : after.offset]

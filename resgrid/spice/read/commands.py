@@ -84,7 +84,7 @@ class Contents:
             return dialect.nominal_temperature if stated is None else stated
 
         def temperature(scope: Scope) -> float:
-            """Return the deck's simulation temperature, in degrees Celsius, by default the nominal temperature."""
+            """Return the deck's simulation temperature, in degrees Celsius, by default the dialect's nominal one."""
             stated = self._stated("temp", scope)
             return dialect.nominal_temperature if stated is None else stated
 

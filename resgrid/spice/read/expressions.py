@@ -2,8 +2,8 @@ r"""Evaluation of arithmetic expressions in braces or quotes.
 
 Precedence as in ngspice's manual (section 2.8, ``.param``), tightest first: power, sign and ``!``, ``* / % \``,
 ``+ -``, comparisons, ``&&``, ``||``, ``? :``.  Expressions on which simulators disagree are rejected: a chain of
-powers, and a negative number to a power.  Expressions that ngspice misreads are rejected for ngspice: a sign after an
-operator unless a number follows, and a conditional within the first branch of a conditional.
+powers, and a negative number to an odd or fractional power.  Expressions that ngspice misreads are rejected for
+ngspice: a sign after an operator unless a number follows, and a conditional in the first branch of a conditional.
 """
 
 from __future__ import annotations
@@ -236,7 +236,7 @@ class _Reader:
         return left
 
     def _check_truth(self, *values: float) -> None:
-        """Raise ExpressionError if a condition's value is nonzero but at most 0.5, the dialect's threshold of truth."""
+        """Raise ExpressionError for a nonzero condition of at most 0.5 if only values above 0.5 count as true."""
         if self.rules.words.true_above_half and any(bool(value) != (value > 0.5) for value in values):
             label = self.rules.name
             raise ExpressionError(self._now.offset, f"in {label} only values above 0.5 are true: write a comparison")
@@ -258,7 +258,7 @@ class _Reader:
         return -value if sign.text == "-" else value
 
     def _refuse_misread(self, sign: _Token) -> None:
-        """Raise ExpressionError unless `sign`, which follows an operator, is a minus before a plain number."""
+        """Raise ExpressionError unless `sign`, after an operator other than ``!``, is a minus before a plain number."""
         number, after = (self.tokens[min(self.position + i, len(self.tokens) - 1)] for i in (1, 2))
         is_plain = number.kind == "number" and after.text not in _POWERS
         if sign.text == "+" or not is_plain or self.tokens[self.position - 1].text == "!":
@@ -365,7 +365,7 @@ _BINARY: dict[str, tuple[int, Callable[[float, float], float | bool]]] = {
     "\\": (_PRODUCT, lambda a, b: math.trunc(a / b)),
     "\\ of the magnitude": (_PRODUCT, lambda a, b: math.trunc(abs(a / b))),
 }
-"""Precedence (1 weakest, 5 tightest) and function of binary operators; keys with words: their meanings in ngspice."""
+"""Precedence (1 weakest, 5 tightest) and function by operator; ``% of the quotient`` stands for ngspice's ``%``."""
 
 
 def _no_function(token: _Token, rules: ReadingRules) -> ExpressionError:

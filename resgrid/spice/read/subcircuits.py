@@ -27,7 +27,7 @@ MAX_DEPTH = 50
 MAX_ELEMENTS = 20_000_000
 """Upper bound of the default limit of `read_spice` on the number of elements of a deck after expansion."""
 FREE_GROWTH, MAX_GROWTH = 500_000, 5000
-"""Default limit on the elements after expansion: the larger of `FREE_GROWTH` and `MAX_GROWTH` times the cards."""
+"""Default limit on the elements after expansion: 500,000, or 5,000 per card if more, up to `MAX_ELEMENTS`."""
 _OWN_MULTIPLIER = re.compile(r"^[^vs].*[\s,]m\s*=", re.IGNORECASE)
 _BLANK = re.compile(r"\s")
 
@@ -298,7 +298,7 @@ class Expander:
                 )
 
     def _refuse_multiplier(self, instance: Instance, setting: Setting, scope: Scope, factor: float) -> None:
-        """Raise CardError if the simulator does not use the ``m=`` of an instance (`setting`) as number of copies."""
+        """Raise CardError if the simulator does not use `factor`, the ``m=`` in `setting`, as number of copies."""
         dialect = instance.card.rules.name
         texts = [card.text for card in instance.block.cards]
         own = [text for text in texts if _OWN_MULTIPLIER.search(text)]
@@ -380,8 +380,8 @@ def _node_map(
 ) -> NDArray[np.int64]:
     """Return the node numbers of the subcircuit's nodes for every instance, shape (instances, nodes).
 
-    `orders` (instances,): position of each instance in the deck, which decides between spellings of a node's name;
-    `table`: node table of the enclosing block, to which new nodes are added.
+    `orders`: position of each instance (file index times ``2**40`` plus line), which decides between spellings of a
+    node's name; `table`: node table of the enclosing block, to which new nodes are added.
     """
     number_of = table.number_of
     numbers = np.empty((len(instances), len(flat.names)), dtype=np.int64)

@@ -99,7 +99,7 @@ def write_spice(
     dialect : {"ngspice", "ltspice", "xyce", "hspice", "spectre"}
         Simulator that will read the deck.
     title : str, optional
-        First line of the deck.
+        First line of the deck, cut at 200 characters; by default a description of the circuit.
     chip : Chip, optional
         For ``form="cells"``: the chip that the netlist was built from (`build_chip`), with all switches of its tiles.
     form : {"flat", "cells"}

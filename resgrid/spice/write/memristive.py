@@ -2,7 +2,8 @@
 
 A memristor is two behavioural current sources and a capacitor of 1 F.  The voltage of the capacitor is the state ``x``.
 One source carries the current ``i = v / max(R_off - (R_off - R_on) x, R_on)`` between the nodes of the memristor, the
-other one charges the capacitor with the drift ``k i f(x)``; the maximum keeps Newton's method from a division by zero.
+other one charges the capacitor with the drift ``k i f(x) = dx/dt``, with the rate ``k`` in 1/C (negative for reversed
+polarity) and the window ``f`` from 0 to 1.  The maximum keeps Newton's method from a division by zero.
 With the rectangular window the drift is ``max(min(k i, K (1 - x)), -K x)``, which has no jump: it stops at a limit
 within about ``1 / K`` seconds, and leaves the limit as soon as the current reverses.  The gain ``K`` is 1e5 times the
 largest possible drift.
@@ -54,8 +55,8 @@ class MemristiveDeck:
     """Text of a deck with memristors, and its names.
 
     `text`: the deck; `rules`: its dialect; `nodes` (n,): netlist numbers of its nodes without ground, `node_names`
-    (n,): their names; `memristors`: names of the memristors in the deck; `left_out`: number of floating nodes, and of
-    elements that touch them, by kind, without zeros.
+    (n,): their names; `memristors`: names of the memristors in the deck; `left_out`: numbers of the floating nodes and
+    of the memristors that the deck omits, by the keys ``"floating node"`` and ``"memristor"``, without zeros.
     """
 
     text: str
@@ -95,11 +96,12 @@ def write_memristive(
     step : float, optional
         Longest step of the simulator, in seconds; by default ``stop / 1000``.
     waveform : array_like of float, shape (n, 2), optional
-        Times in seconds and factors of all sources, as in `memristive_transient`; written as PWL sources.
+        Times in seconds and factors of all sources, as in `memristive_transient`; written as PWL sources.  By default
+        the sources are constant.
     reltol : float
         Relative tolerance of the simulator, below 1.
     title : str, optional
-        First line of the deck.
+        First line of the deck, cut at 200 characters; by default a description of the circuit.
 
     Returns
     -------
@@ -154,8 +156,8 @@ def format_memristive(
     """Return the deck of a circuit with memristors.
 
     `dialect`: name of the dialect; `title`: first line, None for a description of the netlist; `corners` (n, 2): times
-    in seconds and factors of all sources, between which the factor is linear.  Raise InputError for an unknown dialect
-    or a netlist without grounded nodes.
+    in seconds and factors of all sources; the factor is linear between these times and constant before and after them.
+    Raise InputError for an unknown dialect or a netlist without grounded nodes.
     """
     rules, netlist = dialect_named(dialect), circuit.netlist
     held = grounded_nodes(netlist)

@@ -36,7 +36,7 @@ class MemristorNames(NamedTuple):
 
 
 class _Waves(BaseModel):
-    """Expected values of one node at the times of a sidecar: volts, or the state of a memristor."""
+    """Expected values of one node, one per time of the sidecar: volts, or the state of a memristor (0 to 1)."""
 
     values: list[FiniteFloat]
 

@@ -51,12 +51,13 @@ class Tiles:
     """A chip's circuit as an array of tiles; a tile is the circuit of one cell.
 
     `netlist`: the chip's circuit; `ohms`: resistances of the switches in ohms, by their keys in a chip; `capacitance`:
-    capacitance of every cell, in farads; `amps`: current injected into every free tile, in amperes; `state` (cells,):
-    `State` of every tile. The other arrays describe the resistors of the grid, shapes (n,): `cell`: flat index of the
-    cell whose tile holds the resistor; `beyond`: index of the neighbouring cell, -1 for the obstacle rail beyond the
-    grid's edge; `axis`: axis of the resistor; `upward`: whether it leads from the cell towards larger coordinates;
-    `resistance`: of the resistor alone, in ohms; `wall`: wall resistance at a contact with an obstacle, in ohms, 0
-    without walls; `series`: resistance of wall and switch in series with the resistor in this scene, in ohms.
+    capacitance of every cell, in farads, 0 without one; `amps`: current injected into every free tile, in amperes, 0
+    unless the drive is uniform; `state` (cells,): `State` of every tile. The other arrays describe the resistors of the
+    grid, shapes (n,): `cell`: flat index of the cell whose tile holds the resistor; `beyond`: index of the neighbouring
+    cell, -1 for the obstacle rail beyond the grid's edge; `axis`: axis of the resistor, from 0; `upward`: whether it
+    leads from the cell towards larger coordinates; `resistance`: of the resistor alone, in ohms; `wall`: wall
+    resistance at a contact with an obstacle, in ohms, 0 without walls; `series`: resistance of wall and switch in
+    series with the resistor in this scene, in ohms.
     """
 
     netlist: Netlist
