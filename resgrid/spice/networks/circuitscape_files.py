@@ -41,7 +41,7 @@ def output_files(
     After an error no file appears. `output`: folder of the files, None for that of the key ``output_file``; `habitat`:
     raster whose format and georeference the maps get, None for a network; `conducting` (rows, columns): whether a cell
     conducts, None for a network; `shape`: shape of the currents, (rows, columns) or (nodes,). Raises InputError if the
-    key names a file outside the folder of the configuration, or in a folder that does not exist.
+    key names a file outside the folder `Configuration.root`, or in a folder that does not exist.
     """
     base = Path(job.base().replace("\\", "/"))
     place = job.folder / base if output is None else Path(output) / base.name
@@ -167,10 +167,11 @@ class OutputFiles:
         self, name: str, netlist: Netlist, voltage: NDArray[np.float64], node_current: NDArray[np.float64],
         resistor_current: NDArray[np.float64],
     ) -> None:  # fmt: skip
-        """Write the requested tables of one solution of a network, and add the node currents to `sums`.
+        """Write the requested tables of one solution of a network: node voltages, and node and branch currents.
 
-        `name`: end of the file names; `voltage`, `node_current` (nodes,), `resistor_current` (resistors,): in V and A.
-        The tables omit nodes without resistors, such as node 0 (``ground``) of most networks.
+        The tables omit nodes without resistors, such as node 0 (``ground``) of most networks.  The node currents are
+        added to `sums`.  `name`: end of the file names; `voltage`, `node_current` (nodes,), `resistor_current`
+        (resistors,): in V and A.
         """
         self._add(node_current)
         used = np.unique(netlist.resistor_nodes)
@@ -188,7 +189,7 @@ def _branches(netlist: Netlist, ids: NDArray[np.float64], current: NDArray[np.fl
     """Return the table of branch currents (branches, 3): numbers of both nodes, the smaller first, and magnitude in A.
 
     `ids` (nodes,): number of every node in the user's files; `current` (resistors,): in A. Parallel resistors are one
-    branch with the sum of their currents.
+    branch with the sum of the magnitudes of their currents.
     """
     low, high = np.sort(ids[netlist.resistor_nodes], axis=1).T
     pairs, branch = np.unique(np.stack([high, low], axis=1), axis=0, return_inverse=True)

@@ -114,8 +114,8 @@ def run_circuitscape(
         Configuration file (``.ini``) of a raster job (ESRI ASCII grids, or GeoTIFF with the extra ``geotiff``) or of a
         pairwise network job.
     output : path-like, optional
-        Folder of the output files, created if necessary; by default that of the key ``output_file``, which must lie in
-        the folder of `path`.
+        Folder of the output files, created if necessary; by default that of the key ``output_file``, which must lie
+        below `root`.
     root : path-like, optional
         Folder that must contain all files named in the configuration, by default the folder of `path`.
     executor : concurrent.futures.Executor, optional

@@ -104,7 +104,10 @@ def resolve(path: Path, name: str) -> Path:
 
 
 def deck_bytes(path: Path, name: str) -> bytes:
-    """Return the content of a regular file of at most `MAX_BYTES` bytes; `name`: name of the file in messages."""
+    """Return the content of a regular file; raise InputError for other paths and for more than `MAX_BYTES` bytes.
+
+    `name`: name of the file in messages.
+    """
     return read_bytes(path, MAX_BYTES, name=name, piped=False)
 
 

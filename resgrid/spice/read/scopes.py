@@ -285,7 +285,7 @@ class Scope:
         """Return the value of a function that the deck defines, None if the deck does not define it.
 
         `name`: in lower case; `values`: values of the arguments; `lookup`: returns the value of a name in the scope of
-        the call.
+        the call, which dialects use that insert functions as text; others look names up in the function's block.
         """
         home = self.scope_of(self.block.block_of_function(name))
         if home is not self:

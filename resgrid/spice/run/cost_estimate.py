@@ -62,9 +62,9 @@ class Forecast:
 def forecast(circuit: Netlist | Circuit, engine: str = "ngspice", version: str = "") -> Forecast:
     """Return the estimated time and memory that an engine needs for an operating point.
 
-    `engine`: name of the engine; `version`: version of ngspice, which determines the matrix package (KLU from 42 on),
-    empty if unknown.  Computing the estimate takes time proportional to the number of elements.  Raises InputError for
-    an unknown engine.
+    `engine`: name of the engine, a key of `COSTS`; `version`: version of ngspice, which determines the matrix package
+    (KLU from 42 on), empty if unknown (then without KLU).  Computing the estimate takes time proportional to the number
+    of elements.  Raises InputError for an unknown engine.
     """
     major = version.partition(".")[0].rstrip("+")
     if engine == "ngspice" and major.isdecimal() and int(major) >= _FIRST_WITH_KLU:
