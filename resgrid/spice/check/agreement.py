@@ -35,7 +35,8 @@ class Agreement:
         Largest magnitude, over the nodes, of the difference between simulated and expected voltage, in volts; None if
         nothing could be compared.
     max_relative_error : float or None
-        ``max_abs_error`` relative to the supply (the largest voltage difference in the circuit).
+        ``max_abs_error`` relative to the supply (the largest voltage difference in the circuit); for a deck with
+        memristors, or the largest error of a state (0 to 1) if that is more.
     nodes : int
         Number of nodes compared.
     simulator, version : str

@@ -29,7 +29,8 @@ def inspect_deck(data: bytes, expected: Expected, tolerance: float) -> list[str]
     detects a changed element even where the node voltages hardly change.  Changed options, unknown nodes and missing
     nodes are reported, too.  The result has at most 5 messages; it is empty if nothing contradicts.  `data`: content of
     the deck; `expected`: expected results; `tolerance`: largest accepted error, relative to the supply (for voltage
-    sources) or to the sum of the magnitudes of the currents at a node.
+    sources) or to the sum of the magnitudes of the currents at a node (there at least 4 times the residual of
+    `expected`).
     """
     try:
         circuit = read_with(io.BytesIO(data), dialect="ngspice")
