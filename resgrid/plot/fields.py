@@ -52,8 +52,8 @@ def draw_field(
 
     `ax`: axes to draw on, by default those of a new figure; `quantity`: "potential" or "currents"; `scale`: "linear",
     "log" (logarithm of the drop) or "auto" (by the range of the drop); `contours`: whether to draw equipotentials;
-    `axis`, `indices`: normal axis and cell indices of the slices of a space with three or four axes.  Returns the axes,
-    or the figure of a space with more than two axes.
+    `axis`, `indices`: normal axis and cell indices of the slices of a space with three or four axes, by default one
+    slice through a goal for each pair of axes.  Returns the axes, or the figure of a space with more than two axes.
     """
     if quantity == "currents":
         return draw_currents(field, ax)
