@@ -47,7 +47,7 @@ _OF_CIRCUIT = ("boundary", "drive", "k", "leak", "lattice")
 class Drawing:
     """The state of the page: cells, starts and settings of the circuit.
 
-    `title`: title of the scene; `axes`: two axes of the grid; `edge`: rule at the border of the grid, for each axis;
+    `title`: title of the scene; `axes`: two axes of the grid; `edge`: "obstacle", "open" or "periodic" for each axis;
     `cell` (nx, ny): codes of `Cell`; `level` (nx, ny): index of each cell's conductivity in `palette`; `palette`:
     relative conductivities; `starts` (n, 2): in axis units; `k`: weight of the Dirichlet field, 0 to 1; `wall`: wall
     resistance in ohms, 0 for no wall; `leak`: leak to the obstacle rail, in 1 / (unit of the axes)^2; `lattice`:
