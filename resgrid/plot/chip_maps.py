@@ -92,7 +92,8 @@ def draw_power(result: Power, ax: Axes | None = None, *, quantity: Literal["heat
     """Draw the heat of every free cell and the hottest resistors, or the droop of the rails; return the axes.
 
     The droop is the magnitude of the voltage difference between a cell on a rail (obstacle or goal) and an ideal rail.
-    `ax`: axes to draw on, by default those of a new figure; `quantity`: "heat" (W) or "droop" (V).
+    The hottest resistors are those of `result.worst()`.  `ax`: axes to draw on, by default those of a new figure;
+    `quantity`: "heat" (W) or "droop" (V).
     """
     label, unit = _POWER[quantity]
     netlist = result.op.netlist
