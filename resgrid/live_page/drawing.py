@@ -177,7 +177,10 @@ class Drawing:
 
 
 def drawing_of(scene: Scene) -> Drawing:
-    """Return the drawing of a scene with two axes; raise InputError for another number of axes."""
+    """Return the drawing of a scene with two axes; raise InputError for another number of axes.
+
+    Of several weights k, the drawing has the first one, or the largest one if the first one is 0.
+    """
     from resgrid.robots import Arm
     from resgrid.scene import build_space
     from resgrid.scene.overrides import document_of
@@ -188,7 +191,7 @@ def drawing_of(scene: Scene) -> Drawing:
     space = build_space(scene, require_goal=False)
     palette, level = _palette(space)
     k = float(scene.boundary != "neumann")
-    if scene.k:  # the first nonzero k of the scene, because the page explains obstacles on a rail
+    if scene.k:  # a nonzero k if the scene has one, because the page explains obstacles on a rail
         k = scene.k[0] or max(scene.k)
     document = document_of(scene)
     chip = dict(document["chip"])
