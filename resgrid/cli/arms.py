@@ -67,9 +67,10 @@ def verdict_lines(data: Mapping[str, Any]) -> Iterator[str]:
 def check_route(job: Job, route: Route) -> Route:
     """Return a route of an arm with its clearance in metres, and for an arm in space with its first collision.
 
-    A route is the path of one start at one weight k; its clearance is the smallest distance from a collision. Routes
-    that reach no goal are returned unchanged, and so are routes of robots without a fixed base, whose clearance in
-    configuration space is already a length.
+    A route is the path of one start at one weight k; its clearance is the smallest distance of the robot from obstacles
+    along the path: 0 for a path with a collision, infinite without obstacles. Routes that reach no goal are returned
+    unchanged, and so are routes of robots without a fixed base, whose clearance in configuration space is already a
+    length.
     """
     scene = job.scene
     if scene.robot.base is None or not route.reached:
@@ -123,7 +124,8 @@ def timed_by_robot(job: Job, routes: list[Route]) -> list[Route]:
 def write_trajectories(folder: Path, routes: list[Route]) -> dict[str, str]:
     """Write every timed route that reaches a goal to a YAML, a CSV and a JSON file in `folder`.
 
-    A route is the path of one start at one weight k. Returns the descriptions of the files by file name.
+    A route is the path of one start at one weight k. The files are named ``trajectory``, or ``trajectory_N`` with the
+    index N of the route if there are several routes. Returns the descriptions of the files by file name.
     """
     from resgrid.planning.time_parameterization import Trajectory
 

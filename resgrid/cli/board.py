@@ -154,7 +154,11 @@ def _write(board: rg.hardware.Board, work: Path, kicad: KicadCli | None) -> dict
 
 
 def _summary(board: rg.hardware.Board, job: Job) -> dict[str, Any]:
-    """Return the summary of a board as a dictionary for JSON, in SI units except for sizes in millimetres."""
+    """Return the summary of a board as a dictionary for JSON, in SI units except for sizes in millimetres.
+
+    It contains the size, the numbers of parts and bridges, supply, power and tolerance. The key ``yield`` holds the
+    predicted fraction of starts that reach a goal, with its confidence interval and the resolution in ``bits``.
+    """
     bits = board.readout.bits or 0
     overall = board.predicted_yields[bits]
     width, height = board.size

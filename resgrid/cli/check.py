@@ -202,6 +202,7 @@ def check_written(deck: Path, netlist: rg.Netlist, asked: bool | None, folder: P
 
     `deck`: file of the deck; `netlist`: circuit of the deck, for the estimate of the time; `asked`: True for the option
     ``--check``, False for ``--no-check``, None without these options; `folder`: final folder of the deck, for messages.
+    Without these options, the deck is simulated if ngspice is installed and needs at most `MAX_AUTOMATIC_SECONDS`.
     """
     from resgrid.spice.run.cost_estimate import forecast
     from resgrid.spice.run.ngspice import ngspice_version

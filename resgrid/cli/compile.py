@@ -122,6 +122,8 @@ def write_deck(
 ) -> WrittenDeck:
     """Write a chip's deck with its sidecar, simulator commands and self-check deck; return their file names.
 
+    With the self-check deck, ngspice compares its results with the expected ones; it is written for ngspice only.
+
     `target`: name of the deck; `job`: scene with chip and space; `name`: name of the circuit, for the title; `op`:
     operating point of the circuit; `dialect`: SPICE dialect; `form`: "flat", or "cells" for an array of tiles (circuits
     of one cell that the array repeats).

@@ -98,9 +98,10 @@ def solve_deck(deck: Circuit, method: str = "auto") -> rg.OperatingPoint:
 def deck_data(deck: Circuit) -> dict[str, Any]:
     """Return the description of a deck as a dictionary for JSON.
 
-    Keys: ``source`` (path), ``title``, ``dialect``, ``files``, ``nodes`` and the plural of every kind of element
-    (counts), ``subcircuits`` (names), ``temperature`` (degrees Celsius), ``options`` (values by name) and ``notes`` of
-    the reader.
+    Keys: ``source`` (path), ``title``, ``dialect``, ``files`` (names of the deck and its included files), ``nodes`` and
+    the plural of every kind of element (counts), ``subcircuits`` (names), ``temperature`` (degrees Celsius),
+    ``options`` (values by name) and ``notes`` of the reader (dictionaries with the fields of `Note`, such as
+    ``severity``, ``file``, ``line`` and ``text``).
     """
     return {
         "source": deck.path,

@@ -188,7 +188,8 @@ def _rare_garbage_collection() -> Iterator[None]:
 def _print_failure(failure: Failure, *, as_json: bool) -> None:
     """Print the message of a failure on standard error.
 
-    `as_json`: whether to print a JSON object with the failure on standard output, too.
+    `as_json`: whether to print a JSON object on standard output, too, with the keys ``error`` (message), ``kind`` and
+    ``exit_code``.
     """
     if failure.kind == "NoArgsIsHelpError":  # for a bare 'resgrid', click raises this error with the help as message
         click.echo(failure.message, err=True)

@@ -48,7 +48,10 @@ def check_hardware(source: CommandInput, tolerance: float, timeout: float) -> in
 
 
 def hardware_data(result: HardwareCheck) -> dict[str, Any]:
-    """Return the result of a verification as a dictionary for JSON: ``agrees``, and the fields of `HardwareCheck`."""
+    """Return the result of a verification as a dictionary for JSON: ``agrees``, and the fields of `HardwareCheck`.
+
+    ``agrees`` is False if there is a finding, and None if there is no finding but a check could not be done.
+    """
     worst = [{"node": net, "expected": expected, "got": got} for net, expected, got in result.worst]
     return {"agrees": result.agrees} | dataclasses.asdict(result) | {"worst": worst}
 

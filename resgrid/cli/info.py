@@ -63,9 +63,9 @@ def describe(job: Job) -> dict[str, Any]:
     """Return the description of a scene as a dictionary for JSON.
 
     Keys: the scene's keys such as ``title``, ``axes`` and ``starts``; ``map``: dictionary on how the map was read, None
-    without a map; ``sketch`` (rows of letters), ``sketch_lower``, ``sketch_upper`` (corners of the shown part) and
-    ``sketch_key`` (meaning of the letters), None unless there are two axes; numbers of cells, such as ``free_cells``,
-    and of ``goals``; ``nodes``, ``resistors`` and ``memory_bytes`` of the circuit.
+    without a map; ``sketch`` (rows of letters), ``sketch_lower``, ``sketch_upper`` (corners of the shown part, in axis
+    units) and ``sketch_key`` (meaning of the letters), None unless there are two axes; numbers of cells, such as
+    ``free_cells``, and of ``goals``; ``nodes``, ``resistors`` and ``memory_bytes`` of the circuit.
     """
     from resgrid.cli.sketch import sketch
     from resgrid.scene.maps.formats import describe_map
@@ -133,8 +133,8 @@ def describe_deck(deck: Circuit) -> dict[str, Any]:
 
     Keys: those of `deck_data`; ``smallest_resistance`` and ``largest_resistance``: range of the resistances above 0, in
     ohms, None without one; ``shorts``: number of resistors of 0 ohm and sources of 0 V; ``supply_volts``: different
-    source voltages except 0, at most 100; ``floating_nodes``: number of nodes without a connection to ground;
-    ``ngspice_seconds`` and ``ngspice_memory_bytes``: estimated cost of a simulation.
+    source voltages except 0, ascending, at most the 100 lowest; ``floating_nodes``: number of nodes without a
+    connection to ground; ``ngspice_seconds`` and ``ngspice_memory_bytes``: estimated cost of a simulation.
     """
     import numpy as np
 
@@ -195,7 +195,10 @@ def _shipped_lines(data: Sequence[dict[str, Any]]) -> Iterable[str]:
 
 
 def installed_versions() -> dict[str, str | None]:
-    """Return the versions as texts, by name: ``resgrid``, ``python``, all dependencies, ``ngspice`` (None: missing)."""
+    """Return the versions as texts, by name: ``resgrid``, ``python``, all dependencies, and ``ngspice``.
+
+    The version of ngspice is None if ngspice is not installed.
+    """
     import platform
     from importlib import metadata
 

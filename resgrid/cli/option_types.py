@@ -48,7 +48,10 @@ class Numbers(_Type):
 
 
 class Region(Numbers):
-    """Type of the option ``--crop``: the word ``known``, or the corners of a box, separated by commas."""
+    """Type of the option ``--crop``: the word ``known``, or a box as numbers, separated by commas.
+
+    The numbers are the coordinates of the lower corner, then those of the upper corner, in world coordinates.
+    """
 
     name = "region"
 

@@ -154,8 +154,9 @@ class CommandInput:
     """The input of a subcommand, with the shared options.
 
     `file`: name, or ``-`` for standard input; `map_options`: keywords of `read_scene` for maps; `changes`: new values
-    of scene keys by key path, for `apply_overrides`; `threads`: number of threads of the solver; `dialect`, `root`:
-    options of `read_spice`.
+    of scene keys by key path, for `apply_overrides`; `threads`: largest number of threads of the solver; `dialect`:
+    SPICE dialect of a deck, "auto" to recognise it from the text; `root`: folder that may contain included files, None
+    for the deck's folder.
     """
 
     file: str

@@ -178,10 +178,10 @@ def _require_own_map(job: Job, queries: Sequence[MovingAIScenario], file: str) -
 def _answers(job: Job, query: MovingAIScenario, file: str) -> list[dict[str, Any]]:
     """Return the JSON data of the paths for one query, one dictionary per weight k.
 
-    Keys: ``outcome``, ``k``, ``length``, ``clearance``, ``start`` and ``goal_cell`` (cell indices), and
-    ``optimal_length`` (of the scenario file).  The circuits are solved with the query's goal as the only goal.  For a
-    goal in an obstacle there is one dictionary, with None for ``k`` and ``length``, without ``clearance``.  `file`:
-    scenario file, for messages.
+    Keys: ``outcome``, ``k``, ``length`` and ``clearance`` (in axis units), ``start`` and ``goal_cell`` (cell indices),
+    and ``optimal_length`` (of the scenario file, in cells).  The circuits are solved with the query's goal as the only
+    goal.  For a goal in an obstacle there is one dictionary, with None for ``k`` and ``length``, without ``clearance``.
+    `file`: scenario file, for messages.
     """
     from resgrid.planning.any_field import path_of
 

@@ -131,7 +131,8 @@ def _node_at(netlist: rg.Netlist, place: str, in_cells: bool) -> str | int:
 def _lines(data: dict[str, Any]) -> Iterable[str]:
     """Yield the lines of text about resistances: one line per pair, at most `_MOST_LINES`, then the error bound.
 
-    `data`: the results as for JSON.
+    `data`: dictionary for JSON with ``pairs`` (dictionaries of ``first``, ``second``, ``resistance`` and
+    ``connected``), ``relative_error`` (bound, infinite if unknown) and ``solver``.
     """
     pairs: Sequence[dict[str, Any]] = data["pairs"]
     width = max(len(f"{pair['first']} - {pair['second']}") for pair in pairs[:_MOST_LINES])

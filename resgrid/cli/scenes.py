@@ -57,7 +57,7 @@ class Job:
     def solution(self) -> Solution:
         """Return the solved ideal circuits of the scene with their fields.
 
-        Injected currents are scaled to the supply.
+        Injected currents are scaled such that the highest node voltage is the supply.
         """
         from resgrid.planning.pipeline import solve_problem
 
@@ -74,7 +74,8 @@ class Job:
         """Return the netlist of one circuit of the scene.
 
         `wiring`: boundary conditions of the circuit; `ideal`: whether to compile the ideal grid instead of the chip;
-        `scaled`: whether the injected currents of an ideal grid are scaled to the supply.
+        `scaled`: whether the injected currents of an ideal grid are scaled such that the highest node voltage is the
+        supply.
         """
         from resgrid.planning.pipeline import compile_circuit
 
@@ -106,6 +107,8 @@ def open_job(
     launcher: str | None = None,
 ) -> Job:  # fmt: skip
     """Return the job of an input: read the scene with its changes, check the memory, and build the space.
+
+    Raises BudgetError if `method` needs a netlist and the netlist would not fit in memory.
 
     `require_goal`: whether a scene without a goal is an error; `method`: solution method, None if nothing is solved;
     `ranks`: number of processes of method petsc; `launcher`: command that starts these processes.
@@ -320,7 +323,8 @@ def ranked_summary(name: str, ranked: Ranked) -> dict[str, Any]:
     """Return the summary of a solution by method petsc as a dictionary for JSON; `name`: name of the circuit.
 
     Keys: ``chip`` (the name), counts of cells, ``solver``, ``ranks`` (number of processes), ``iterations``,
-    ``residual`` (relative), ``peak_bytes`` (memory of each process) and ``seconds`` by stage.
+    ``residual`` (norm relative to that of the right-hand side), ``peak_bytes`` (largest memory of each process) and
+    ``seconds`` by stage.
     """
     field, report = ranked.field, ranked.report
     assert field.safe is not None

@@ -28,8 +28,8 @@ class Sketch:
     """A text sketch of a space with two axes.
 
     `rows`: rows of letters, top row first; the first axis points to the right, the second one upwards; `lower`,
-    `upper`: corners of the shown part, in the coordinates of the space; `cropped`: whether only a part is shown; `key`:
-    meaning of the letters.
+    `upper`: corners of the shown part, in axis units; `cropped`: whether only a part is shown; `key`: meaning of the
+    letters.
     """
 
     rows: list[str]
@@ -90,7 +90,7 @@ def _letters(space: rg.ConfigurationSpace, unseen: NDArray[np.bool_], window: tu
     """Return the letters (columns, rows from below) of the cells in a window, resampled to the size of the sketch.
 
     A letter stands for a block of cells: "G" with a goal cell, "?" all unknown, "#" all obstacles, "." no obstacle, "+"
-    otherwise.
+    otherwise.  The first row is the lowest one.
 
     `unseen`: mask of obstacle cells of unknown occupancy, shape of the space; `window`: ranges of cells along both
     axes.

@@ -47,7 +47,7 @@ _OF_CIRCUIT = ("boundary", "drive", "k", "leak", "lattice")
 class Drawing:
     """The state of the page: cells, starts and settings of the circuit.
 
-    `title`: title of the scene; `axes`: two axes of the grid; `edge`: rule at the border of the grid, for each axis;
+    `title`: title of the scene; `axes`: two axes of the grid; `edge`: "obstacle", "open" or "periodic" for each axis;
     `cell` (nx, ny): codes of `Cell`; `level` (nx, ny): index of each cell's conductivity in `palette`; `palette`:
     relative conductivities; `starts` (n, 2): in axis units; `k`: weight of the Dirichlet field, 0 to 1; `wall`: wall
     resistance in ohms, 0 for no wall; `leak`: leak to the obstacle rail, in 1 / (unit of the axes)^2; `lattice`:
@@ -177,7 +177,10 @@ class Drawing:
 
 
 def drawing_of(scene: Scene) -> Drawing:
-    """Return the drawing of a scene with two axes; raise InputError for another number of axes."""
+    """Return the drawing of a scene with two axes; raise InputError for another number of axes.
+
+    Of several weights k, the drawing has the first one, or the largest one if the first one is 0.
+    """
     from resgrid.robots import Arm
     from resgrid.scene import build_space
     from resgrid.scene.overrides import document_of
@@ -188,7 +191,7 @@ def drawing_of(scene: Scene) -> Drawing:
     space = build_space(scene, require_goal=False)
     palette, level = _palette(space)
     k = float(scene.boundary != "neumann")
-    if scene.k:  # the first nonzero k of the scene, because the page explains obstacles on a rail
+    if scene.k:  # a nonzero k if the scene has one, because the page explains obstacles on a rail
         k = scene.k[0] or max(scene.k)
     document = document_of(scene)
     chip = dict(document["chip"])

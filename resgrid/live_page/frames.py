@@ -46,16 +46,17 @@ The solution of a preview has normwise accuracy and does not resolve smaller dro
 def describe(frame: SolvedDrawing) -> tuple[dict[str, Any], list[bytes]]:
     """Return the description of a solved drawing for the page: a dictionary for JSON, and four arrays as bytes.
 
-    Keys: ``exact`` (whether the solution is direction-safe), ``paths`` (outcome, number of points and so on of each
-    path), ``seconds`` (computing time), ``methods`` (names of the solvers), ``cells`` and ``cut_off`` (numbers of free
-    cells and of those without a path to a goal), ``flat`` (names of circuits of a blend without currents), ``scale``
-    (kind, lowest and highest value of the picture), and ``circuit`` (None for more than 10 cells per axis), which is
-    absent unless the solution has exactly one operating point.
+    Keys: ``exact`` (whether the solution is direction-safe), ``paths`` (dictionary for each path, with ``outcome``,
+    number of ``points``, and ``length`` and ``clearance`` in axis units or the reason as ``message``; the outcome is
+    None where a preview is too inaccurate for a path), ``seconds`` (computing time), ``methods`` (names of the
+    solvers), ``cells`` and ``cut_off`` (numbers of free cells and of those without a path to a goal), ``flat`` (names
+    of circuits of a blend without currents), ``scale`` (kind, lowest and highest value of the picture), and ``circuit``
+    (None for more than 10 cells per axis), which is absent unless the solution has exactly one operating point.
 
     The arrays are the points of all paths, a picture, face currents and speeds of moving dots.  Points: float32
     (points, 2), measured from the lower corner of the grid in cell widths, continuous across the seams of periodic
     axes.  Picture: uint16 (nx, ny), `NO_VALUE` for cells without a value.  Currents: int8 (nx, ny, 4), through the
-    lower and the upper face across each axis, positive along the axis, 127 for the largest current of the cell.
+    lower and the upper face across each axis, positive along the axis, ±127 for the largest current of the cell.
     Speeds: uint8 (nx, ny), 255 for the fastest dots.
     """
     field = frame.field
@@ -181,8 +182,8 @@ def _log_drop_of(field: AnyField) -> NDArray[np.float64] | None:
 def _currents(field: AnyField) -> tuple[NDArray[np.int8], NDArray[np.uint8]]:
     """Return the relative face currents int8 (nx, ny, 4) and the speeds of the moving dots uint8 (nx, ny).
 
-    Currents flow through the lower and the upper face across each axis, positive along the axis; 127 is the largest
-    current of the cell.  Only free cells have currents.  The speed is 255 at large currents, and 0 in cells without a
+    Currents flow through the lower and the upper face across each axis, positive along the axis; the largest current of
+    the cell is ±127.  Only free cells have currents.  The speed is 255 at large currents, and 0 in cells without a
     current.
     """
     if isinstance(field, LatticeField):

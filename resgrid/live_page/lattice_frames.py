@@ -33,8 +33,8 @@ def flows(field: LatticeField) -> tuple[NDArray[np.float64], NDArray[np.float64]
     """Return the flow through the node of each cell (nx, ny, 2), and the logarithm of its largest current (nx, ny).
 
     A flow is the sum of the currents along all steps times their unit vectors, relative to the largest current of the
-    node, per cell width along each axis.  The logarithm is natural, of currents in units of supply / resistance, -inf
-    without current.
+    node.  Each component is divided by the cell width of its axis, in multiples of the smallest cell width.  The
+    logarithm is natural, of currents in units of supply / resistance, -inf without current.
     """
     lattice, site = field.lattice, field.lattice.central_sites
     parts = []

@@ -52,7 +52,10 @@ class Session:
         self._warm = WarmFields()
 
     def hello(self) -> bytes:
-        """Return the first message to a page, as bytes: examples, read-only flag, colours, and the initial drawing."""
+        """Return the first message to a page, as bytes: examples, read-only flag, colours, and the initial drawing.
+
+        The colours are those of the colour scale of the potential, and of goals.
+        """
         head, body = write_drawing(self.first)
         colours = {"height": list(HEIGHT), "goal": GOAL}
         about = {"examples": example_menu(), "read_only": self.read_only, "colours": colours}

@@ -123,7 +123,10 @@ class ArmPicture(SpaceView):
 
     @property
     def floor(self) -> float:
-        """Coordinate z of the floor in metres: of the highest horizontal half-space, or of the lowest shown point."""
+        """Coordinate z of the floor in metres.
+
+        The floor is the highest obstacle that is a half-space below a horizontal plane, or else the lowest shown point.
+        """
         return floor_height(self.scene.obstacles, float(self.lower[2]))
 
     @property
@@ -303,8 +306,8 @@ def _prepared(picture: ArmPicture, ax: Axes | None) -> Axes:
 def _group(surfaces: Iterable[Surface], frames: NDArray[np.float64]) -> _Group:
     """Return the triangles of surfaces in the world.
 
-    `surfaces`: surfaces of bodies, each with the number of the joint that moves it; `frames` (k, 4, 4): poses of the
-    joints in the world.
+    `surfaces`: surfaces of bodies, each with the index of the joint that moves it, -1 for none; `frames` (k, 4, 4):
+    poses of the joints in the world.
     """
     triangles, owner = [np.empty((0, 3, 3))], [np.empty(0, dtype=np.int64)]
     for number, surface in enumerate(surfaces):

@@ -80,7 +80,8 @@ def _write(ax: Axes, words: str, at: tuple[float, float], height: float, turn: i
     """Write a printed text of the board.
 
     `words`: the text; `at`: reference point (x, y) in mm; `height`: height of the letters, in points; `turn`: rotation
-    in degrees; `align`: which part of the text lies at the reference point: "left", "right", or "" for the centre.
+    in degrees, anticlockwise in the picture; `align`: which part of the text lies at the reference point: "left",
+    "right", or "" for the centre.
     """
     anchor = align or "center"
     ax.text(*at, words, fontsize=1.15 * height, rotation=turn, ha=anchor, va="center", color="white", zorder=7)

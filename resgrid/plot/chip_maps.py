@@ -35,7 +35,7 @@ _UNSERVED = "#e8d3e4"
 _HARMLESS = "#c8c8c8"
 """Colour of resistors whose fault makes no start lose its path."""
 _MOST_DRIFT = 100.0
-"""Largest drift (relative change of a resistance), in per cent, for which a resistor is drawn.
+"""Largest drift (magnitude of the relative change of a resistance), in per cent, for which a resistor is drawn.
 
 Resistors that change a step only at a larger drift are omitted.
 """
@@ -92,7 +92,8 @@ def draw_power(result: Power, ax: Axes | None = None, *, quantity: Literal["heat
     """Draw the heat of every free cell and the hottest resistors, or the droop of the rails; return the axes.
 
     The droop is the magnitude of the voltage difference between a cell on a rail (obstacle or goal) and an ideal rail.
-    `ax`: axes to draw on, by default those of a new figure; `quantity`: "heat" (W) or "droop" (V).
+    The hottest resistors are those of `result.worst()`.  `ax`: axes to draw on, by default those of a new figure;
+    `quantity`: "heat" (W) or "droop" (V).
     """
     label, unit = _POWER[quantity]
     netlist = result.op.netlist
@@ -117,10 +118,10 @@ def draw_power(result: Power, ax: Axes | None = None, *, quantity: Literal["heat
 
 
 def draw_sensitivity(result: Sensitivity, ax: Axes | None = None, *, drift: float = 0.01) -> Axes:
-    """Draw the resistors, coloured by the smallest drift that changes the robot's next cell; return the axes.
+    """Draw the resistors, coloured by the smallest drift that changes a step of the robot's path; return the axes.
 
-    A drift is a relative change of one resistance.  `ax`: axes to draw on, by default those of a new figure; `drift`:
-    drift for which resistors are marked in red if it changes the robot's next cell.
+    A drift is the magnitude of a relative change of one resistance.  Resistors for which a drift of at most `drift`
+    suffices are marked in red.  `ax`: axes to draw on, by default those of a new figure; `drift`: a fraction.
     """
     netlist = result.op.netlist
     space = netlist.cells.space
@@ -225,8 +226,9 @@ def draw_faults(result: FaultAnalysis, ax: Axes | None = None, *, fault: Literal
 def _switches(netlist: Netlist, lost: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Return the flat indices (n,) of cells with a critical switch or load, and numbers of lost starts (n,).
 
-    A switch or load is critical if a fault of it makes starts lose their path; the second array counts these starts for
-    the worst fault in the cell.  `lost` (resistors,): starts lost by a fault of each resistor, NaN if not analysed.
+    The indices are in C order.  A switch or load is critical if a fault of it makes starts lose their path; the second
+    array counts these starts for the worst fault in the cell.  `lost` (resistors,): starts lost by a fault of each
+    resistor, NaN if not analysed.
     """
     extra = np.flatnonzero(netlist.cells.resistor_face < 0)
     cell = netlist.cell_of_node()[netlist.resistor_nodes[extra, 0]]
@@ -291,8 +293,9 @@ def draw_resistors(
 ) -> LineCollection:
     """Draw resistors as lines between cell centres, or from a cell centre to the grid's edge; return the lines.
 
-    `which` (n,): indices of the elements to draw; `faces` (elements,): index of the cell face that each element
-    crosses, negative for an element across no face, which is not drawn; by default those of the netlist's resistors.
+    `which` (n,): indices of the elements to draw; `faces` (elements,): number of the cell face that each element
+    crosses, counted as in `CellMap.resistor_face`, negative for an element across no face, which is not drawn; by
+    default those of the netlist's resistors.
     """
     space = netlist.cells.space
     across, index = crossed_faces((netlist.cells.resistor_face if faces is None else faces)[which], space.shape)

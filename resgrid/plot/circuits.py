@@ -246,7 +246,10 @@ def _draw_leaks(netlist: Netlist, axes: Axes) -> None:
 
 
 def _draw_arrows(netlist: Netlist, cell: NDArray[np.int64], colour: str, label: str, axes: Axes) -> None:
-    """Draw an arrow to the node of each cell; `cell` (n,): flat indices of the cells; `label`: entry of the legend."""
+    """Draw an arrow to the node of each cell.
+
+    `cell` (n,): flat indices of the cells in C order; `label`: entry of the legend.
+    """
     shape = netlist.cells.space.shape
     for x, y in np.stack(np.unravel_index(cell, (*shape, 1)[:2]), axis=1) + 0.5:
         axes.annotate(

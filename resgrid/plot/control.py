@@ -62,7 +62,8 @@ _MOST_ARROWS = 8
 _FAINT = 1e-4
 """Limit between the linear and the logarithmic part of the colour scale of changes of the potential.
 
-It is a fraction of the largest magnitude of a change; the scale is linear for smaller changes of both signs.
+It is a fraction of the upper limit of the scale, which is the 99.5th percentile of the magnitudes of the changes at all
+times. The scale is linear for smaller changes of both signs.
 """
 
 
@@ -132,7 +133,7 @@ def panel_aspect(run: Run) -> float:
 
 
 def draw_forces(contacts: ContactLog, rows: NDArray[np.int64], axes: Axes, **style: Any) -> list[Artist]:
-    """Draw arrows of contact forces; return the artists, an empty list without contacts.
+    """Draw arrows of the contact forces on the robot; return the artists, an empty list if `rows` is empty.
 
     The largest force in the whole log has an arrow of 12 % of the width of the axes.  `contacts`: log of contacts;
     `rows` (n,): indices of the contacts to draw; `style`: options of matplotlib's quiver.
@@ -290,7 +291,8 @@ def _arrow(axes: Axes, tail: NDArray[np.float64], vector: NDArray[np.float64], c
 def draw_dirichlet_fraction(dirichlet: Field, neumann: Field, k: float, ax: Axes | None = None) -> Axes:
     """Draw the fraction of the Dirichlet gradient in the gradient of a blend, cell by cell.
 
-    This fraction differs from the weight k, because the gradients of the two fields differ in magnitude.
+    The fraction is ``|k grad phi_D| / (|k grad phi_D| + |(1 - k) grad phi_N|)``.  It differs from the weight k, because
+    the gradients of the two fields differ in magnitude.
 
     Parameters
     ----------
@@ -333,7 +335,7 @@ def draw_dirichlet_fraction(dirichlet: Field, neumann: Field, k: float, ax: Axes
 def draw_wavefront(front: Wavefront, *, shown: Sequence[int] | None = None) -> Figure:
     """Draw the spread of a map change through the grid, in one panel per time; return the figure.
 
-    `shown`: indices of the times, by default at most six, evenly spaced.
+    `shown`: indices of the times, counted from 0, by default at most six, evenly spaced.
     """
     plane_of(front.after)
     count = len(front.cells)
@@ -371,6 +373,8 @@ def draw_moment(front: Wavefront, row: int, axes: Axes) -> AxesImage:
 
 def draw_change(front: Wavefront, row: int, axes: Axes) -> AxesImage:
     """Draw the change of the potential since the map changed, with the time in the title; return the image.
+
+    The change is the normalised potential minus its value before the map changed.
 
     `row`: index of the time in the wavefront; `axes`: axes to draw on.
     """

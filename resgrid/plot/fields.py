@@ -52,8 +52,8 @@ def draw_field(
 
     `ax`: axes to draw on, by default those of a new figure; `quantity`: "potential" or "currents"; `scale`: "linear",
     "log" (logarithm of the drop) or "auto" (by the range of the drop); `contours`: whether to draw equipotentials;
-    `axis`, `indices`: normal axis and cell indices of the slices of a space with three or four axes.  Returns the axes,
-    or the figure of a space with more than two axes.
+    `axis`, `indices`: normal axis and cell indices of the slices of a space with three or four axes, by default one
+    slice through a goal for each pair of axes.  Returns the axes, or the figure of a space with more than two axes.
     """
     if quantity == "currents":
         return draw_currents(field, ax)
@@ -240,7 +240,8 @@ def nearest_to_middles(eligible: NDArray[np.bool_], block: int) -> NDArray[np.in
 def _both_faces(faces: Sequence[NDArray[Any]], cells: NDArray[np.int64]) -> NDArray[np.float64]:
     """Return the values on the four faces of cells, shape (n, 2, 2): cell, axis across the face, lower or upper face.
 
-    `faces`: values on all faces across the first and the second axis; `cells` (n, 2): cell indices.
+    `faces`: values on all faces across the first axis (nx + 1, ny) and the second axis (nx, ny + 1), where face i is
+    the lower face of cell i; `cells` (n, 2): cell indices.
     """
     i, j = cells.T
     across, up = faces

@@ -44,8 +44,8 @@ def draw_lattice_field(
     Each site of a hexagonal lattice is a hexagon, each site of other lattices its cell.  Plane lattices of at most 40
     sites along an axis also show their resistors.  `ax`: axes to draw on, by default those of a new figure; `scale`:
     "linear", "log" (logarithm of the drop) or "auto" (by the range of the drop); `axis`, `indices`: normal axis and
-    cell indices of the slices of a space with three axes; `paths`: paths to draw; `k`: weight k of the Dirichlet field
-    of each path, None for paths of one field.
+    cell indices of the slices of a space with three axes, by default one slice for each pair of axes; `paths`: paths to
+    draw; `k`: weight k of the Dirichlet field of each path, None for paths of one field.
     """
     shading = shading_of(field, scale)
     shows_steps = field.space.ndim == 2 and max(field.lattice.shape) <= _MOST_STEPS

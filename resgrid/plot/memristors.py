@@ -33,8 +33,9 @@ def draw_memristive(
     """Draw the resistances of the links of a grid at an output time, or the states over time; return the axes.
 
     `ax`: axes to draw on, by default those of a new figure; `quantity`: "map", "states", or "auto" for a map of a grid
-    with two axes and for states otherwise; `at`: index of the output time of a map.  Raise InputError for a map of
-    another circuit, for an index that does not exist, and for an index with a picture of states.
+    with two axes and for states otherwise; `at`: index of the output time of a map, negative from the end.  Raise
+    InputError for a map of another circuit, for an index that does not exist, and for an index with a picture of
+    states.
     """
     cells = result.circuit.netlist.cell_map
     is_grid = cells is not None and cells.space.ndim == 2
@@ -84,7 +85,7 @@ def _range(result: MemristiveTransient) -> tuple[float, float]:
 
 
 def _draw_states(result: MemristiveTransient, axes: Axes) -> Axes:
-    """Draw the states of the memristors (0 to 1: conducting) over time; return the axes.
+    """Draw the states of the memristors, from 0 (largest resistance) to 1 (smallest), over time; return the axes.
 
     Of more than 400 memristors, those with the largest change from the first to the last time are drawn.
     """

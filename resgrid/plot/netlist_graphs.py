@@ -32,7 +32,10 @@ from resgrid.scene.quantities import format_quantity
 MOST_NODES = 40
 """Largest number of nodes, including ground, in a circuit diagram."""
 _NODES_APART = 2.2
-"""Smallest distance between two nodes of a layout, in drawing units; a drawing unit is 0.8 inches in a new figure."""
+"""Distance between the two nearest nodes of a layout, in drawing units of 0.8 inches in a new figure.
+
+The distance is smaller if the median distance of a node from its nearest node would otherwise exceed 4 units.
+"""
 _HALF_LENGTH, _HALF_SYMBOL = 0.3, 0.18
 """Half the length of an element with its leads, and without them, in drawing units."""
 _LETTER = np.array([0.073, 0.15])
@@ -216,7 +219,7 @@ def _places(netlist: Netlist, groups: Groups) -> Place:
 
 
 def _oriented(places: Place) -> Place:
-    """Return a layout, scaled to drawing units (`_NODES_APART` between nearest nodes) and turned.
+    """Return a layout, scaled to drawing units (at most `_NODES_APART` between the two nearest nodes) and turned.
 
     An elongated layout is turned horizontal, with the first node on the left.  `places` (n, 2): node positions of any
     scale; the result has the shape (n, 2).

@@ -88,7 +88,10 @@ class Panel:
         return self.plane.frame.to_world(np.delete(points, self.normals, axis=1))
 
     def holds(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Return the mask (n,) of points inside the slice; `points` (n, ndim): in axis units."""
+        """Return the mask (n,) of points inside the slice, which is one cell thick and includes both of its faces.
+
+        `points` (n, ndim): in axis units.
+        """
         inside = np.ones(len(points), dtype=np.bool_)
         for normal, index in self.cut:
             lower, upper = self.space.axes[normal].edges[[index, index + 1]]
@@ -209,7 +212,8 @@ def draw_space(
 
     Returns the axes, or the figure of a space with more than two axes.  `ax`: axes to draw on, by default those of a
     new figure; `virtual`: mask of obstacle cells that no body occupies; `unknown`: mask of obstacle cells of unknown
-    occupancy; `axis`, `indices`: normal axis and cell indices of the slices.
+    occupancy; `axis`, `indices`: normal axis and cell indices of the slices, by default one slice through a goal for
+    each pair of axes.
     """
     painted = painter(*virtual_cells(virtual), *unknown_cells(space.cell, unknown))
     return draw_panels(space, ax, name_free_cells, draw_known, painted, axis=axis, indices=indices)

@@ -35,8 +35,10 @@ def draw_path(
 ) -> Axes | Figure:
     """Draw a streamline; return the axes, or the figure of a space with more than two axes.
 
-    `ax`: axes to draw on, by default those of a new figure; `axis`, `indices`: normal axis and cell indices of the
-    slices of a space with three or four axes.
+    For points and balls in space, the figure shows the surface of the obstacles and horizontal slices, unless `axis`
+    selects slices.  `ax`: axes to draw on, by default those of a new figure; `axis`, `indices`: normal axis and cell
+    indices of the slices of a space with three or four axes, by default one slice through the path's end for each pair
+    of axes.
     """
     return draw_streamlines([path], ax, axis=axis, indices=indices)
 
@@ -55,7 +57,8 @@ def draw_streamlines(
     For points and balls in space, the figure shows the surface of the obstacles and horizontal slices, unless `axis`
     selects slices.  `ax`: axes to draw on, by default those of a new figure; `k`: weight k of the Dirichlet field of
     each path, None for paths of one field; `unknown`: mask of obstacle cells of unknown occupancy; `axis`, `indices`:
-    normal axis and cell indices of the slices.
+    normal axis and cell indices of the slices, by default one slice through the end of the first path for each pair of
+    axes.
     """
     if ax is None and axis is None and indices is None and is_voxel_world(paths[0].space):
         plane_paths.require_paths(paths, paths[0].space)

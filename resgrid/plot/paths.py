@@ -47,7 +47,8 @@ def draw_path(
     """Draw a streamline with its start and end; return the axes, or the figure of a space with more than two axes.
 
     `ax`: axes to draw on; None for a new figure that also shows the cells of the space; `axis`, `indices`: normal axis
-    and cell indices of the slices of a space with three or four axes.
+    and cell indices of the slices of a space with three or four axes, by default one slice through the path's end for
+    each pair of axes.
     """
     return draw_streamlines([path], ax, axis=axis, indices=indices)
 
@@ -64,8 +65,8 @@ def draw_streamlines(
 
     Streamlines of the same k have the same colour; a cross marks a start without a path to a goal.  `ax`: axes to draw
     on; None for a new figure that also shows the cells of the space; `k`: weight k of the Dirichlet field of each path,
-    None for paths of one field; `axis`, `indices`: normal axis and cell indices of the slices of a space with three
-    axes.
+    None for paths of one field; `axis`, `indices`: normal axis and cell indices of the slices of a space with three or
+    four axes, by default one slice through the end of the first path for each pair of axes.
     """
     space = paths[0].space
     return draw_panels(
@@ -265,7 +266,8 @@ def draw_separation(
 
     Returns the axes, or the figure of a space with more than two axes.  `ax`: axes to draw on, by default those of a
     new figure; `virtual`: mask of obstacle cells that no body occupies, shape of the space; `axis`, `indices`: normal
-    axis and cell indices of the slices of a space with three or four axes.
+    axis and cell indices of the slices of a space with three or four axes, by default one slice through the start for
+    each pair of axes.
     """
     space, outcome = result.space, result.outcome
     reachable = result.region & (space.cell == Cell.FREE)

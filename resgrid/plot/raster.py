@@ -14,7 +14,7 @@ _LARGEST = 32
 """Largest width or height, in pixels, of a triangle whose pixels are tested directly; larger triangles are divided."""
 
 _STEP = 4
-"""Side, in pixels, of which the side of the square block of pixels that are tested for a triangle is a multiple."""
+"""Step, in pixels, to which the side of the square block of pixels that is tested for a triangle is rounded up."""
 
 _AT_ONCE = 1 << 20
 """Largest number of pairs of a pixel and a triangle that are tested at once, which limits the memory."""
@@ -64,7 +64,8 @@ class Camera:
 class Window:
     """Part of the picture plane that an image shows.
 
-    `left`, `bottom`, `right`, `top`: limits in the unit of the world coordinates; `rows`: number of pixel rows.
+    `left`, `bottom`, `right`, `top`: limits to the right and upwards from the world's origin in the picture, in the
+    unit of the world coordinates; `rows`: number of pixel rows.
     """
 
     left: float
@@ -95,8 +96,8 @@ class Layer(NamedTuple):
     """Image of one group of bodies.
 
     `colour` (rows, columns, 3), uint8: shaded colours, bottom row first; `depth` (rows, columns), float32: distance
-    along the view from the plane through the world's origin, in the unit of the world coordinates, infinite without a
-    body; `opacity`: 0 to 1.
+    along the view from the plane through the world's origin, positive away from the camera, in the unit of the world
+    coordinates, infinite without a body; `opacity`: 0 to 1.
     """
 
     colour: NDArray[np.uint8]

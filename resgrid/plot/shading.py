@@ -117,7 +117,7 @@ def _potential_label(field: Field | LatticeField) -> str:
 
 
 def _logarithmic(field: Field | LatticeField, decades: NDArray[np.float64], smallest: float) -> Shading:
-    """Return a logarithmic scale with the drop as values.
+    """Return a logarithmic scale with log10 of the drop as values, NaN in obstacle cells.
 
     `decades`: log10 of the drop, shape of the space; `smallest`: lowest value of `decades` that the colour scale must
     contain.
@@ -158,7 +158,7 @@ def fill_open_walls(values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return values in which cells without a value have the mean of their face neighbours with a value.
 
     Equipotentials then meet open obstacles at right angles. `values` (n, m): NaN in cells without a value; the result
-    has the same shape.
+    has the same shape, and is NaN in cells without such a neighbour.
     """
     padded = np.pad(values, 1, constant_values=np.nan)
     around = np.stack([padded[:-2, 1:-1], padded[2:, 1:-1], padded[1:-1, :-2], padded[1:-1, 2:]])

@@ -31,8 +31,9 @@ def cuts_of(
     """Return the slices of a space with three or four axes, each as pairs of a normal axis and a cell index along it.
 
     `axis`: normal axis, None for one slice for each pair of axes; `indices`: cell indices along `axis`, by default at
-    most six; `through`: cell that the slices contain, by default a goal cell.  With four axes, slices normal to `axis`
-    are also normal to the last other axis.  Raises InputError for slices outside the space.
+    most six; `through`: cell that the slices contain, by default the first goal cell in C order, or the cell in the
+    middle without goals.  With four axes, slices normal to `axis` are also normal to the last other axis.  Raises
+    InputError for slices outside the space.
     """
     goals = np.argwhere(space.cell == Cell.GOAL)
     middle = goals[0] if len(goals) else np.array(space.shape) // 2

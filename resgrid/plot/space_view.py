@@ -45,8 +45,9 @@ class SpaceView:
     ) -> list[Line2D]:
         """Draw a line in space, thin and dotted where a layer hides it; return matplotlib's two lines.
 
-        `points` (n, 3): in the world, close to each other; `layers`: images that can hide the line; `label`: legend
-        entry; `style`: options of matplotlib's plot.
+        The first line is dotted and contains all points; the second one contains the visible points only.  `points` (n,
+        3): in the world, so close to each other that tests at the points find the hidden parts; `layers`: images that
+        can hide the line; `label`: legend entry; `style`: options of matplotlib's plot.
         """
         seen = self.camera.seen(points)
         hidden = self.hidden(points, layers)
@@ -68,8 +69,8 @@ class SpaceView:
 def window_around(seen: NDArray[np.float64], side: int, margin: float) -> Window:
     """Return the window that contains points of the picture plane.
 
-    `seen` (n, 2): coordinates in the picture; `side`: number of pixels along the longer side; `margin`: width of the
-    border around the points.
+    `seen` (n, 2): coordinates to the right and upwards in the camera's frame; `side`: number of pixels along the longer
+    side; `margin`: width of the border around the points, in the unit of `seen`.
     """
     (left, bottom), (right, top) = seen.min(axis=0) - margin, seen.max(axis=0) + margin
     return Window(

@@ -70,7 +70,7 @@ class VoxelView(SpaceView):
     top : float or None
         Coordinate z, in axis units, above which obstacles are left out; None to show all obstacles.
     also : ndarray of float64, shape (n, 3)
-        Points that the picture must contain.
+        Points that the picture must contain, in axis units.
     """
 
     def __init__(
@@ -288,9 +288,10 @@ def points_of(path: AnyPath, space: ConfigurationSpace) -> NDArray[np.float64]:
 
 
 def _part_around(mask: NDArray[np.bool_], cells: NDArray[np.int64]) -> Window:
-    """Return the smallest window that contains the True cells of a mask, given cells, and the neighbours of both.
+    """Return the smallest window that contains the True cells of a mask, given cells, and a border of one cell.
 
-    `mask`: shape of the space; `cells` (n, 3): cell indices.
+    The window is, for each axis, the index of its first cell and of the cell after its last one; it ends at the border
+    of the grid, and is the whole grid without such cells.  `mask`: shape of the space; `cells` (n, 3): cell indices.
     """
     marked = extent_of_mask(mask)
     if marked is not None:

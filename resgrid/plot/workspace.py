@@ -140,7 +140,7 @@ def draw_tip_paths(paths: Sequence[FieldPath], scene: Scene, ax: Axes | None = N
     Raises
     ------
     InputError
-        If a path does not fit the scene, or the robot does not move in the plane.
+        If a path does not fit the scene, or the robot does not move in the plane and is not an arm in space.
 
     Examples
     --------
@@ -199,7 +199,7 @@ def draw_workspace_and_space(
     Raises
     ------
     InputError
-        If the space does not have two axes, or the robot does not move in the plane.
+        If the space does not have two axes, or the robot does not move in the plane and is not an arm in space.
 
     Examples
     --------

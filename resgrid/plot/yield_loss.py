@@ -13,7 +13,8 @@ from resgrid.plot.style import PATHS, TEXT, dress
 def draw_yield_loss(result: YieldLoss, ax: Axes | None = None) -> Axes:
     """Draw the change of the yield when each effect is switched off, with its confidence interval; return the axes.
 
-    The changes are in percentage points.  `ax`: axes to draw on, by default those of a new figure.
+    A change is the yield without the effect minus the yield with all effects, in percentage points.  The level of the
+    interval is `result.confidence`.  `ax`: axes to draw on, by default those of a new figure.
     """
     axes = axes_or_new(ax, 0.25 + 0.06 * len(result.causes))
     places = np.arange(len(result.causes))[::-1]

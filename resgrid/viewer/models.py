@@ -76,7 +76,10 @@ class ArmModel:
 
 
 def add_surroundings(server: viser.ViserServer, scene: Scene, robot: URDFRobot) -> None:
-    """Add the obstacles, hidden obstacles and goal regions of `scene`, and a grid on the floor, to a scene of viser."""
+    """Add the obstacles, hidden obstacles and goal regions of `scene`, and a grid on the floor, to a scene of viser.
+
+    The floor is the highest obstacle that is a half-space below a horizontal plane; without one, the grid is at z = 0.
+    """
     reach, base = robot.reach, robot.tree.placement[0, :3, 3]
     low, high = (tuple((base + sign * _BEYOND * reach).tolist()) for sign in (-1.0, 1.0))
     kinds: tuple[tuple[Sequence[Shape], str, Colour, float | None], ...] = (

@@ -33,7 +33,7 @@ _CLEARANCE_STEP = 0.02
 _ITERATIONS = 40
 """Largest number of iterations of the inverse kinematics that moves the tool to a dragged handle.
 
-After these, or once all joints change by less than 1e-5, the last configuration is used.
+After these, or once all joints change by less than 1e-5 radians or metres, the last configuration is used.
 """
 
 _DAMPING = 0.05
@@ -66,7 +66,10 @@ class Motion:
     text: str
 
     def at(self, time: float) -> NDArray[np.float64]:
-        """Return the interpolated configuration (ndim,) at a time; the first or last one for times outside the path."""
+        """Return the interpolated configuration (ndim,) at a time; the first or last one for times outside the path.
+
+        `time`: in the unit of `times`.
+        """
         return np.array([np.interp(time, self.times, column) for column in self.configurations.T])
 
 
@@ -185,7 +188,7 @@ class ArmPlan:
 
 
 def farthest_start(planner: Planner) -> NDArray[np.float64]:
-    """Return the centre (ndim,) of the free cell with the highest potential: a start far from the goals."""
+    """Return the centre (ndim,) of the goal-connected free cell with the highest potential, a start far from goals."""
     field = planner.field
     height = np.where(field.space.goal_connected & (field.space.cell == Cell.FREE), field.potential, -np.inf)
     return planner.space.centre(np.unravel_index(int(np.nanargmax(height)), height.shape))
