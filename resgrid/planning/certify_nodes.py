@@ -99,9 +99,9 @@ def _check_ends(path: NodePath) -> None:
 
 
 def _turns(path: NodePath, gap: Floats) -> Floats:
-    """Return the multiples of the periods nearest to differences of coordinates `gap`, both (..., ndim).
+    """Return the multiples of the periods nearest to differences of coordinates, in axis units, (..., ndim).
 
-    The multiple is 0 on axes that are not periodic.
+    The multiple is 0 on axes that are not periodic.  `gap` (..., ndim): the differences, in axis units.
     """
     period = path.space.upper - path.space.lower
     return np.where(path.space.periodic, np.round(gap / period) * period, 0.0)

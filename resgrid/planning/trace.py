@@ -339,9 +339,10 @@ def static_outcomes(space: ConfigurationSpace, cells: NDArray[np.int64]) -> NDAr
 
 
 def _points(space: ConfigurationSpace, cells: NDArray[np.int64], locals_: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return points of a streamline in axis units, and the goal point of the last cell, if the space defines one.
+    """Return points of a streamline in axis units, (n, ndim), or (n + 1, ndim) with the last cell's goal point.
 
-    `cells` (n, ndim): visited cells; `locals_` (n, ndim): positions within the cells, in [0, 1].
+    The goal point is appended if the space defines one for the last cell.  `cells` (n, ndim): visited cells; `locals_`
+    (n, ndim): positions within the cells, in [0, 1].
     """
     points = space.lower + (cells + locals_) * space.spacing
     goal = space.goal_point(cells[-1:])
