@@ -51,7 +51,11 @@ class CellLattice(Lattice):
         )
 
     def weights_at(self, step: int) -> NDArray[np.float64]:
-        """Return the weight of a step from every cell: the mean over the blocks with both cells, 0 if it is blocked."""
+        """Return the weight of a step from every cell, in the shape of the space.
+
+        It is the mean of the weights that the blocks with both cells give to the step; 0 if one of the cells is an
+        obstacle or lies outside the grid.
+        """
         open_blocks = self._open_blocks(self.offsets[step])
         weight = self.weights[step] * open_blocks + self.plain[step] * (1.0 - open_blocks)
         there, solid = self.neighbours(step), self.space.cell == Cell.OBSTACLE

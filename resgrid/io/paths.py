@@ -106,7 +106,7 @@ def path_columns(path: Timed) -> dict[str, NDArray[np.float64]]:
 
 
 def column_names(space: ConfigurationSpace, *, timed: bool) -> list[str]:
-    """Return the names of the columns of a path: time, position, tip of an arm, velocity.
+    """Return the names of the columns of a path: time, position, tip of an arm (or tool of a URDF robot), velocity.
 
     Examples: ``t``, ``theta_1``, ``tip_x``, ``theta_1_rate``. `space`: space of the path; `timed`: whether the path is
     a trajectory; only a trajectory has time and velocity.
@@ -185,7 +185,7 @@ class Route:
     def clearance(self) -> float | None:
         """Smallest distance from the polyline through the written points to an obstacle cell, in axis units.
 
-        The value is None for a path that was not made from a field.
+        It is infinite without obstacles, NaN without motion, and None for a path that was not made from a field.
         """
         path = self.path
         if isinstance(path, Streamline | NodePath | ShortPath):

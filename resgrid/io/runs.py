@@ -24,8 +24,9 @@ the position sensor; `torque`, `push`: generalised forces of all contacts, and e
 _CONTACT = ("contact_x", "contact_y", "force_x", "force_y", "part", "body", "sticking")
 """Names of the columns of the contact with the largest force in a time step, empty in steps without contact.
 
-`contact_x`, `contact_y`: touched point, in metres; `force_x`, `force_y`: force on the robot; `part`: index of the
-robot's part that touches; `body`: index of the touched obstacle; `sticking`: 1 if friction holds the contact, else 0.
+`contact_x`, `contact_y`: touched point, in metres; `force_x`, `force_y`: force on the robot, in world axes, in the unit
+for which force times `Control.admittance` is a velocity; `part`: index of the robot's part that touches; `body`: index
+of the touched obstacle; `sticking`: 1 if friction holds the contact, else 0.
 """
 
 

@@ -49,7 +49,7 @@ class Traces:
         Natural logarithm of the time to the goal cell's face, or to the end of the streamline, at the velocity
         ``-conductivity * grad(phi)``; NaN without motion.
     steps : ndarray of int64, shape (n,)
-        Number of crossed faces.
+        Number of crossed faces; for a lattice other than "square", number of steps between sites.
 
     Examples
     --------
