@@ -85,9 +85,9 @@ def checked_conductivity(shape: tuple[int, ...], value: ArrayLike) -> NDArray[np
 def checked_goal_points(axes: tuple[Axis, ...], cells: NDArray[np.uint8], value: ArrayLike) -> NDArray[np.float64]:
     """Return the goal points in axis units (goal cells, ndim); raise InputError if one lies outside its cell.
 
-    A goal point is the configuration in a goal cell that solves the goal; it is NaN if every configuration of the cell
-    does.  `axes`, `cells`: axes of the space and `Cell` codes; `value` (goal cells, ndim): points in axis units, in C
-    order of the goal cells.
+    A goal point is the configuration in a goal cell that solves the goal, such as the joint angles that put an arm's
+    tip on its target; all its coordinates are NaN if every configuration of the cell does.  `axes`, `cells`: axes of
+    the space and `Cell` codes; `value` (goal cells, ndim): points in axis units, in C order of the goal cells.
     """
     points = np.array(value, dtype=np.float64, order="C")
     goals = np.argwhere(cells == Cell.GOAL)

@@ -51,7 +51,11 @@ class CellLattice(Lattice):
         )
 
     def weights_at(self, step: int) -> NDArray[np.float64]:
-        """Return the weight of a step from every cell: the mean over the blocks with both cells, 0 if it is blocked."""
+        """Return the weight of a step from every cell, in the shape of the space.
+
+        It is the mean of the weights that the blocks with both cells give to the step; 0 if one of the cells is an
+        obstacle or lies outside the grid.
+        """
         open_blocks = self._open_blocks(self.offsets[step])
         weight = self.weights[step] * open_blocks + self.plain[step] * (1.0 - open_blocks)
         there, solid = self.neighbours(step), self.space.cell == Cell.OBSTACLE
@@ -61,6 +65,7 @@ class CellLattice(Lattice):
         """Return the harmonic mean of the conductivities of every cell and its neighbour along a step.
 
         If only one of the two cells is free, return its conductivity.  None if the space has no conductivities.
+        Entries for neighbours outside the grid have no meaning.
         """
         c = self.space.conductivity
         if c is None:
@@ -79,9 +84,10 @@ class CellLattice(Lattice):
         return float(self.plain[step])
 
     def _open_blocks(self, offset: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Return the fraction of blocks without obstacles around every cell and its neighbour, shape of the space.
+        """Return, for every cell, the fraction of blocks without obstacles among the blocks with it and its neighbour.
 
-        `offset` (ndim,): difference of the indices of the two cells.
+        The result has the shape of the space; blocks that reach beyond the grid count as blocked.  `offset` (ndim,):
+        index of the neighbour minus that of the cell, per axis.
         """
         total, count = np.zeros(self.shape), 0
         choices = [(0, 1) if by == 0 else (1,) if by > 0 else (0,) for by in offset.tolist()]
@@ -123,7 +129,7 @@ def cell_lattice(name: LatticeName, space: ConfigurationSpace) -> CellLattice:
 
 
 def stencil_of(name: LatticeName, space: ConfigurationSpace) -> dict[tuple[int, ...], float]:
-    """Return the weights of all neighbours, times ``h_ref**2``, by the offset of the neighbour in cell indices.
+    """Return the weights ``g`` of ``h_ref**2 lap f = sum_j g_j (f_j - f)``, by the neighbour's offset in cell indices.
 
     On a ring of a single cell, a step along the ring leads back to the cell: offsets along the ring become 0, and the
     weights of equal offsets are added.  Raise InputError unless all weights are positive.  `name`: name of the lattice,

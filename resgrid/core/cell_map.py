@@ -30,9 +30,9 @@ class CellMap:
         Node of every cell, -1 for a cell without a node.  If rails are merged, a rail cell has the node of its rail.
     resistor_face : ndarray of int32 or int64, shape (resistors,)
         Cell face that each resistor crosses; -1 for a switch, a rail segment or the load of the read-out, ``-2 - cell``
-        for a leak.  Faces are numbered axis by axis.  Along an axis there are ``cells + 1`` faces, in C order of an
-        array of shape `resgrid.core.regions.face_shape`.  Face ``i`` is the lower face of cell ``i``.  On a periodic
-        axis the last face equals the first one and is not used.
+        for a leak, with the flat index of its cell.  Faces are numbered axis by axis.  Along an axis there are
+        ``cells + 1`` faces, in C order of an array of shape `resgrid.core.regions.face_shape`.  Face ``i`` is the lower
+        face of cell ``i``.  On a periodic axis the last face equals the first one and is not used.
     resistor_upward : ndarray of bool, shape (resistors,)
         Whether the first node of each resistor is on the lower side of the face; without meaning if it crosses no face.
     free_node : ndarray of int32, shape (free nodes,)
@@ -86,7 +86,11 @@ class CellMap:
         return cell_of
 
     def names(self, nodes: NDArray[np.int64]) -> list[str]:
-        """Return the names of nodes (n,): ``0``, ``n_12_7`` (a cell), ``goal_0_3_4`` (a rail at a cell), ``node_5``."""
+        """Return the names of nodes (n,), such as ``n_12_7`` for a node of the cell (12, 7).
+
+        Other names: ``0`` (ground), ``obstacle`` and ``goal_0`` (rails), ``goal_0_3_4`` (a rail's node at a cell), and
+        ``node_5`` for all other nodes, by number.
+        """
         cell = self.cell_of_node(int(max(nodes.max(initial=0), self.node.max(initial=0))) + 1)[nodes]
         coordinates = np.unravel_index(np.maximum(cell, 0), self.space.shape)
         template = "n" + "_%d" * self.space.ndim

@@ -217,7 +217,7 @@ def _resistors(space: ConfigurationSpace, contacts: GridContacts, nodes: _Nodes)
 
     `contacts`: contacts of the grid, each of which has one resistor; `nodes`: node numbers.  A direction is True if the
     second node lies at the higher coordinate.  Resistors are ordered by axis; for each axis, resistors at the border of
-    the grid come last.  The leaks of the free nodes follow, with the face numbers ``-2 - cell``.
+    the grid come last.  The leaks of the free nodes follow, with the face numbers ``-2 - (flat index of the cell)``.
     """
     wide = with_margin(nodes.cell, space.periodic, beyond=nodes.obstacle)
     parts = [
@@ -322,9 +322,9 @@ def contacts_of_box(
 ) -> GridContacts:
     """Return the contacts between neighbouring cells of a box.
 
-    `wiring`: complete wiring, from ``wiring.on(space)``; `box`: range (first, end) of cells along each of the first
-    axes, the other axes are complete; `connected`: whether cells not connected to a goal have no node (open obstacles
-    only).
+    `wiring`: complete wiring, from ``wiring.on(space)``; `box`: range (first, end), without end, of cells along each of
+    the first axes, the other axes are complete; `connected`: whether cells not connected to a goal have no node (open
+    obstacles only).
     """
     require_square(wiring.lattice, "this computation of currents through cell faces")
     code = with_margin(space.cell, space.periodic, box, beyond=Cell.OBSTACLE)

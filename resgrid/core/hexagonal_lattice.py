@@ -118,9 +118,10 @@ class HexagonalLattice(Lattice):
         return (x, y), (x.ravel()[there], y.ravel()[there])
 
     def _crossings(self, step: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the fractions of the step's segment from every site at which it crosses cell borders across each axis.
+        """Return where the segment of a step from every site crosses a cell border, across the first and second axis.
 
-        Both arrays have the lattice's shape; entries are 2 if the segment does not cross a border across the axis.
+        Both arrays have the lattice's shape; entries are fractions of the segment in [0, 1], or 2 for no crossing.  A
+        segment crosses at most one border across each axis.
         """
         (x, y), (_, y_there) = self._ends(step)
         across, up = self.beyond(step, 1)  # before wrapping

@@ -46,7 +46,7 @@ class Lattice(ABC):
 
     @property
     def directions(self) -> list[tuple[int, int]]:
-        """Pairs (index of the step, sense) of all directions: sense 1 for the step, then -1 for its negative."""
+        """Pairs (index of the step, sense), step by step: sense 1 for the step, then -1 for its negative."""
         return [(step, sense) for step in range(len(self.steps)) for sense in (1, -1)]
 
     @abstractmethod

@@ -299,8 +299,9 @@ def add_elements(
     """Return a netlist with n appended elements of one kind, and without element names.
 
     `kind`: kind of the elements, such as ``"resistor"``; `nodes` (n, 2): nodes of the elements; `values`, each (n,) or
-    (): fields of values in the order of `ARRAYS`; missing ones are 0; `face`, `upward`, each (n,) or (): faces that the
-    elements cross, -1 for none, and whether the first node is on the lower side, for the cell map.
+    (): the kind's values in the order of `ARRAYS`, such as conductance, tc1 and tc2 of resistors; missing ones are 0;
+    `face`, `upward`, each (n,) or (): faces that the elements cross, -1 for none, and whether the first node is on the
+    lower side, for the cell map.
     """
     _require_no_lattice(netlist)
     pairs, *names = ARRAYS[kind]

@@ -139,9 +139,9 @@ def with_margin(
 ) -> NDArray[Any]:
     """Return a copy of a box of cells with a margin of one cell on every side, wrapped on periodic axes.
 
-    `array`: one value per cell of the grid; `periodic` (ndim,): whether axes are periodic; `box`: range (first, end) of
-    cells along each of the first axes; the other axes are complete; `beyond`: value of the margin outside the grid;
-    None repeats the value of the border cell.
+    `array`: one value per cell of the grid; `periodic` (ndim,): whether axes are periodic; `box`: range (first, end),
+    without end, of cells along each of the first axes; the other axes are complete; `beyond`: value of the margin
+    outside the grid; None repeats the value of the border cell.  Inside the grid, the margin has the cells' values.
     """
     at_border: dict[str, Any] = {"mode": "edge"} if beyond is None else {"constant_values": beyond}
     wide = array

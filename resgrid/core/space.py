@@ -42,11 +42,11 @@ class ConfigurationSpace:
         Conductivity of every cell relative to 1, the default: positive, finite, of the shape of `cell`.  In a cost map,
         a costly cell has a low conductivity.
     frame : Frame, optional
-        Position and rotation of the axes in the world; by default the axes are the world's.  Only a plane may be moved
-        or rotated.
+        Position and rotation of the axes in the world; by default the axes are the world's.  Only a plane, or a plane
+        with a heading as third axis, may be moved or rotated.
     goal_points : array_like of float, shape (number of goal cells, ndim), optional
-        Configuration in every goal cell that solves the goal, for goal cells in C order, in axis units; NaN if every
-        configuration of the cell solves the goal.
+        Configuration in every goal cell that solves the goal (at which an arm's tip is on its target, for example),
+        for goal cells in C order, in axis units; NaN if every configuration of the cell solves the goal.
     robot : Robot, optional
         The robot whose configurations the space describes; a point by default.
     undecided : array_like of bool, shape of the grid, optional

@@ -119,7 +119,7 @@ class BagWriter:
         return self.new(PATH, header=header, poses=poses)
 
     def transform(self, snapshot: MapSnapshot, child: str) -> Any:
-        """Return a ``tf2_msgs/TFMessage`` with the pose of the robot in a snapshot, whose `start` is not None.
+        """Return a ``tf2_msgs/TFMessage`` with the robot's pose ``snapshot.start``, which must not be None.
 
         `child`: name of the robot's coordinate frame, such as ``base_link``.
         """

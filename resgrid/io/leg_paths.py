@@ -52,9 +52,9 @@ def leg_record(path: LegPath) -> dict[str, Any]:
     """Return outcome, lengths, legs and points of a path of several legs as a dictionary for JSON.
 
     Keys: ``outcome``, ``start``, ``length`` in axis units, ``certified``; ``approximate`` and ``distance`` (whether the
-    path ends at the nearest reachable place, and its distance from the goal, else null); ``legs`` with the kind,
-    certificate, length, clearance and end of each leg; ``points`` and ``leg_of_points`` (index of the leg of each
-    point); and ``message`` without a goal.
+    path ends at the nearest reachable place, and then its distance from the goal in axis units, else None); ``legs``:
+    ``kind``, ``certified``, ``length``, ``clearance`` (None for an escape) and ``end`` of each leg; ``points`` and
+    ``leg_of_points`` (index of the leg of each point); ``message``: reason, only if no goal is reached.
     """
     record: dict[str, Any] = {
         "outcome": str(path.outcome),

@@ -90,9 +90,9 @@ def write_path(path: Timed, file: str | os.PathLike[str], *, fixed_joints: bool 
 def path_columns(path: Timed) -> dict[str, NDArray[np.float64]]:
     """Return the columns of a path by name, arrays (n,) with one entry per point.
 
-    The columns are: ``t`` (time in seconds) for a trajectory; one per axis, with the name of the axis: world
-    coordinates, continuous across the seams of periodic axes; for an arm ``tip_x`` and ``tip_y``, the position of the
-    tip in metres; for a trajectory also the velocity along each axis in axis units per second, such as ``x_rate``.
+    The columns are: ``t`` (time in seconds) for a trajectory; one per axis, with its name: world coordinates,
+    continuous across seams; the position in metres of an arm's tip (``tip_x``, ``tip_y``) or a URDF robot's tool
+    (``tool_x`` to ``tool_z``); for a trajectory velocities in world coordinates per second, such as ``x_rate``.
     """
     space, points = path.space, points_of(path)
     names = column_names(space, timed=isinstance(path, Trajectory))
@@ -106,7 +106,7 @@ def path_columns(path: Timed) -> dict[str, NDArray[np.float64]]:
 
 
 def column_names(space: ConfigurationSpace, *, timed: bool) -> list[str]:
-    """Return the names of the columns of a path: time, position, tip of an arm, velocity.
+    """Return the names of the columns of a path: time, position, tip of an arm (or tool of a URDF robot), velocity.
 
     Examples: ``t``, ``theta_1``, ``tip_x``, ``theta_1_rate``. `space`: space of the path; `timed`: whether the path is
     a trajectory; only a trajectory has time and velocity.
@@ -185,7 +185,7 @@ class Route:
     def clearance(self) -> float | None:
         """Smallest distance from the polyline through the written points to an obstacle cell, in axis units.
 
-        The value is None for a path that was not made from a field.
+        It is infinite without obstacles, NaN without motion, and None for a path that was not made from a field.
         """
         path = self.path
         if isinstance(path, Streamline | NodePath | ShortPath):
@@ -204,9 +204,9 @@ class Route:
     def columns(self) -> dict[str, NDArray[np.float64]]:
         """Columns of the path by name, arrays (n,) with one entry per point.
 
-        The columns are: ``t`` (time in seconds) for a trajectory; one per axis, with the name of the axis, in
-        continuous world coordinates; for an arm ``tip_x`` and ``tip_y``, in metres; for a trajectory also the velocity
-        along each axis in axis units per second, such as ``x_rate``.
+        The columns are: ``t`` (time in seconds) for a trajectory; one per axis, with its name, in continuous world
+        coordinates; in metres ``tip_x`` and ``tip_y`` of an arm, or ``tool_x`` to ``tool_z`` of a URDF robot; for a
+        trajectory velocities in world coordinates per second, such as ``x_rate``.
         """
         return path_columns(self.path)
 
@@ -289,9 +289,9 @@ def route_record(route: Route, *, points: bool = True) -> dict[str, Any]:
 
     Keys: ``outcome``, ``goal`` (index of the region, or None), ``log_duration`` (of the `Streamline`), ``start``,
     ``k``, ``certified``; ``length``, ``clearance`` in axis units, ``points`` (continuous world coordinates) of the
-    written path; ``cells`` (indices of the cells that the streamline crosses); where they apply, ``message``,
-    ``duration`` in seconds, and ``streamline`` and ``short`` with length and clearance of the original and the
-    shortened path.  `points`: whether to include points and cells.
+    written path; ``cells`` (indices of the cells that the streamline crosses); where they apply, ``message`` (reason),
+    ``goal_heading`` in radians, ``duration`` in seconds, and ``streamline`` and ``short`` with length and clearance of
+    the original and the shortened path.  `points`: whether to include points and cells.
     """
     path = route.streamline
     record: dict[str, Any] = {

@@ -23,8 +23,9 @@ def write_resistances(value: EffectiveResistance, file: str | os.PathLike[str]) 
         Resistances to write.
     file : path-like
         ``.csv``: one line per pair, with the names of both terminals and the resistance in ohms (``inf`` between
-        different components); ``.json``: the same values, with the error bound; ``.npz``: the arrays ``matrix`` and
-        ``pairs``.  ``-`` is standard output (the table).
+        different components); ``.json``: the same values, with the error bound; ``.npz``: the arrays ``matrix`` (of
+        resistances between terminals, NaN if not requested) and ``pairs`` (indices of terminals).  ``-`` is standard
+        output (the table).
 
     Returns
     -------
@@ -66,8 +67,9 @@ def terminal_names(value: EffectiveResistance) -> list[str]:
 def resistance_record(value: EffectiveResistance, names: list[str]) -> dict[str, Any]:
     """Return effective resistances as a dictionary for JSON.
 
-    Keys: ``pairs`` (a list of dictionaries with ``first``, ``second``, ``resistance`` in ohms and ``connected``),
-    ``relative_error`` (bound; infinite if the solver gives none) and ``solver``.  `names`: names of the terminals.
+    Keys: ``pairs`` (a list of dictionaries with the terminals' names ``first`` and ``second``, ``resistance`` in ohms,
+    and ``connected``, whether it is finite), ``relative_error`` (bound; infinite if the solver gives none) and
+    ``solver`` (method).  `names`: names of the terminals.
     """
     pairs = [
         {"first": names[first], "second": names[second], "resistance": ohms, "connected": bool(np.isfinite(ohms))}

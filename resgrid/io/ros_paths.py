@@ -118,7 +118,7 @@ def path_poses(path: Timed, *, heading: float | None = None) -> NDArray[np.float
 def require_reached(path: Timed) -> None:
     """Raise InputError if the streamline from which a path was made reached no goal.
 
-    A message cannot contain an outcome, so that it would look like a path to a goal.
+    A message cannot contain an outcome: without this check, it would look like the message of a path to a goal.
     """
     streamline = streamline_of(path)
     if streamline is not None and streamline.outcome is not Outcome.REACHED:

@@ -17,14 +17,16 @@ from resgrid.io.tables import Views, require_names, suffix_of, write
 _STEP = {"": "configuration", "_believed": "believed", "_rate": "velocity", "_torque": "torque", "_push": "push"}
 """Attributes of `Run` with one column per axis, by the text that follows the name of the axis in the column's name.
 
-The velocity along ``x``, for example, is the column ``x_rate``.
+The velocity along ``x``, for example, is the column ``x_rate``.  `configuration`: true one; `believed`: according to
+the position sensor; `torque`, `push`: generalised forces of all contacts, and external ones.
 """
 
 _CONTACT = ("contact_x", "contact_y", "force_x", "force_y", "part", "body", "sticking")
 """Names of the columns of the contact with the largest force in a time step, empty in steps without contact.
 
-`contact_x`, `contact_y`: touched point, in metres; `force_x`, `force_y`: force on the robot; `part`: index of the
-robot's part that touches; `body`: index of the touched obstacle; `sticking`: 1 if friction holds the contact, else 0.
+`contact_x`, `contact_y`: touched point, in metres; `force_x`, `force_y`: force on the robot, in world axes, in the unit
+for which force times `Control.admittance` is a velocity; `part`: index of the robot's part that touches; `body`: index
+of the touched obstacle; `sticking`: 1 if friction holds the contact, else 0.
 """
 
 
@@ -77,7 +79,8 @@ def run_record(run: Run) -> dict[str, Any]:
     rows by control mode; ``cells_learnt``: number of cells that contacts added as obstacles; ``resolves``: number of
     solves after such contacts; ``contacts``: number of contacts with a force; ``parts_touched``: indices of the robot's
     parts; ``penetration``: largest depth in an obstacle, in metres; ``goal_distance``: distance from the nearest goal
-    at the end; ``unsolved``: number of steps in which no contact forces could be computed.
+    at the end, in metres, or in axis units for a goal cell or joint angles; ``unsolved``: number of steps in which no
+    contact forces could be computed.
     """
     modes, counts = np.unique(run.mode, return_counts=True)
     return {

@@ -82,10 +82,11 @@ def check_solution_file(file: str | os.PathLike[str], *, of_space: bool) -> None
 def solution_record(op: OperatingPoint, worst: int = 10) -> dict[str, Any]:
     """Return residual, powers, largest drops and largest source currents of a circuit as a dictionary for JSON.
 
-    Keys: ``kcl_residual``; ``power`` (heat) and ``power_delivered`` in watts; ``power_imbalance``, a fraction of the
-    sum of all magnitudes; ``floating_nodes`` (names); ``worst_drops``: list with ``node``, ``voltage``, ``supply`` and
-    ``drop`` in volts (here the voltage between a node and its supply); ``supplies``: list with ``name``, ``volts`` and
-    ``amps``; ``solver``; ``seconds`` by stage.  `worst`: largest number of entries of both lists.
+    Keys: ``kcl_residual``, a fraction of the current through the node; ``power`` (heat) and ``power_delivered`` in
+    watts; ``power_imbalance``, a fraction of the sum of all magnitudes; ``floating_nodes`` (names); ``worst_drops``:
+    list with ``node`` (name), and in volts ``voltage``, ``supply`` (of the node's net) and ``drop`` (supply minus
+    voltage); ``supplies``: list with ``name``, ``volts`` and ``amps`` of voltage sources; ``solver`` (method);
+    ``seconds`` by stage.  `worst`: largest number of entries of both lists.
     """
     netlist = op.netlist
     drops, balance = ir_drop(op), power_balance(op)
@@ -180,8 +181,9 @@ def _lattice_arrays(
 def _table(op: OperatingPoint) -> dict[str, list[Any]]:
     """Return the columns of a table with one row per node, followed by one row per element; values in SI units.
 
-    Columns: ``kind``, ``name``, ``first``, ``second`` (node names), ``value``, ``voltage`` (of a node, or from the
-    first to the second node), ``current``, ``power``.  For a node, all are None except kind, name and voltage.
+    Columns: ``kind``, ``name``, ``first``, ``second`` (node names), ``value`` (ohms, volts or amperes), ``voltage`` (of
+    a node, or of the first node minus that of the second), ``current`` (from the first to the second node), ``power``
+    (dissipated).  For a node, all are None except kind, name and voltage.
     """
     nodes = _node_names(op)
     names = "kind", "name", "first", "second", "value", "voltage", "current", "power"
@@ -202,7 +204,8 @@ def _record(op: OperatingPoint) -> dict[str, Any]:
     """Return the values of nodes and elements as a dictionary for JSON, with the keys ``voltages`` and ``elements``.
 
     ``voltages``: node voltages by node name; ``elements``: by kind and by name, dictionaries with the keys ``first``,
-    ``second`` (node names), ``value``, ``current`` and ``power``, in SI units.
+    ``second`` (node names), ``value``, ``current`` (from the first to the second node) and ``power`` (dissipated), in
+    SI units.
     """
     nodes = _node_names(op)
     elements = {

@@ -110,7 +110,7 @@ class StreamReport:
         Returns
         -------
         dict
-            ``frames``, ``reached``, ``outcomes`` and ``methods`` (numbers by name), ``median_ms``,
+            ``frames``, ``reached``, ``outcomes`` and ``methods`` (numbers of frames by name), ``median_ms``,
             ``percentile_95_ms``.
         """
         counts = {

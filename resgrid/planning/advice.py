@@ -66,9 +66,9 @@ class Advisor:
     def _remedies(self, path: Streamline | NodePath, *, unknown: bool) -> Iterator[str]:
         """Yield a phrase for every change of the scene that opens a path from the start of `path` to a goal.
 
-        A smaller body is also named, without a trial, for robots that are not points or discs.  `unknown`: whether
-        unknown cells of the map block the start; the option that makes them free is then yielded even if it opens no
-        path.
+        The changes are: unknown cells are free, only the centre of a cell is tested, a smaller robot, more cells.  A
+        smaller body is named without a trial for robots that are not points or discs.  `unknown`: whether unknown
+        cells of the map block the start; the option that makes them free is then yielded even if it opens no path.
         """
         scene = self.scene
         if self._has_unknown:
@@ -89,7 +89,10 @@ class Advisor:
             yield "refine the grid: twice as many cells on each axis open a path"
 
     def _finer_maps(self, path: Streamline | NodePath) -> Iterator[str]:
-        """Yield a phrase for the first finer division of the map that opens a path from the start of `path`."""
+        """Yield a phrase for the first finer division of the map that opens a path from the start of `path`.
+
+        Divisions: half the value of `coarsen`, then 1; without `coarsen`, twice and four times the value of `refine`.
+        """
         assert self.scene.map is not None
         table = self.scene.map.table
         coarse, fine = table.get("coarsen") or 1, table.get("refine") or 1

@@ -20,8 +20,9 @@ _CANCELLED = 1e-12
 def blend(dirichlet: Field, neumann: Field, k: float, *, allow_start_drive: bool = False) -> Field:
     """Blend two fields of one space: ``phi = k phi_D + (1 - k) phi_N`` on free cells.
 
-    A sum of superharmonic functions is superharmonic, so streamlines of a blend have the same guarantees.  Currents are
-    blended face by face.  Their signs, not differences of the blended potential, decide the order of neighbours.
+    A sum of superharmonic functions is superharmonic, so streamlines of a blend have the guarantees of both fields:
+    they enter no obstacle and end only in a goal.  Currents are blended face by face.  Their signs, not differences
+    of the blended potential, decide which neighbour of a cell is lower.
 
     Parameters
     ----------

@@ -108,7 +108,11 @@ def _check_kinds(path: Streamline) -> None:
 
 
 def _check_still(path: Streamline) -> None:
-    """Raise CertificateError unless a path without motion has one cell, length 0, no goal, clearance or duration."""
+    """Raise CertificateError unless a path without motion states no results.
+
+    Such a path has a blocked start, or one without a way to a goal.  It must have one cell, length 0, no goal, and NaN
+    for clearance and duration.
+    """
     empty = path.goal is None and path.length == 0 and np.isnan(path.clearance) and np.isnan(path.log_duration)
     if len(path.cells) != 1 or not empty:
         raise CertificateError(f"a path with outcome {path.outcome.value} has one cell, length 0 and no other results")

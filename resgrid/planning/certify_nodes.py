@@ -99,9 +99,9 @@ def _check_ends(path: NodePath) -> None:
 
 
 def _turns(path: NodePath, gap: Floats) -> Floats:
-    """Return the multiples of the periods nearest to differences of coordinates `gap`, both (..., ndim).
+    """Return the multiples of the periods nearest to differences of coordinates, in axis units, (..., ndim).
 
-    The multiple is 0 on axes that are not periodic.
+    The multiple is 0 on axes that are not periodic.  `gap` (..., ndim): the differences, in axis units.
     """
     period = path.space.upper - path.space.lower
     return np.where(path.space.periodic, np.round(gap / period) * period, 0.0)
@@ -222,9 +222,10 @@ def _check_currents(path: NodePath, step: Integers, sense: Integers) -> None:
 
 
 def _taken(parts: Sequence[NDArray[Any]], step: Integers, tail: Integers) -> NDArray[Any]:
-    """Return n entries, (n,), of arrays over the sites; `parts`: one array of the lattice's shape per step.
+    """Return the values (n,) of n pairs of a step and a site.
 
-    `step`, `tail` (n,): index of the array, and flat index of the site in it, for every entry.
+    `parts`: values at all sites, one array of the lattice's shape per step; `step`, `tail` (n,): index of the step, and
+    flat index of the site, of every pair.
     """
     found = np.zeros(len(step), dtype=parts[0].dtype)
     for number in np.unique(step).tolist():

@@ -107,7 +107,10 @@ def _free(cells: Cells, space: ConfigurationSpace) -> Cells:
 
 
 def _contains(cell: tuple[int, ...], point: NDArray[np.float64], space: ConfigurationSpace) -> bool:
-    """Return whether a closed cell contains a `point` (ndim,), in cell units, to within rounding error."""
+    """Return whether a closed cell contains a point to within rounding error.
+
+    `cell`: indices; `point` (ndim,): in cell widths from the lower corner of the grid.
+    """
     return bool(np.all(np.abs(point - cell - 0.5) <= 0.5 + space.rounding))
 
 

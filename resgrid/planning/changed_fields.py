@@ -111,7 +111,7 @@ class KeptCircuit:
         """Return heights above the goal rail as fractions of the largest height, and the current injected per cell.
 
         `own` (nx, ny): mask of the cells with an equation, each of which gets the same current.  The current is in
-        units of supply / resistance.
+        units of supply / resistance, scaled like the heights: with it, the largest height is the supply.
         """
         height = unscaled(*self._elimination.solve(own.astype(np.float64)))
         top = float(height.max(initial=0.0))
@@ -151,7 +151,7 @@ def _empty_values(shape: tuple[int, ...]) -> Values:
 def _safe_currents(
     contacts: GridContacts, values: Values, resistance: float, source: tuple[float, float]
 ) -> tuple[NDArray[np.int8], Floats]:
-    """Return signs and logarithms of all face currents, in units of supply / resistance, (faces,) each.
+    """Return signs and natural logarithms of all face currents, in units of supply / resistance, (faces,) each.
 
     `contacts`: contacts of the plane; `values`: drop or height of every cell; `resistance`: resistance between
     neighbours, in ohms; `source`: current into every cell from a source, in units of supply / resistance, and

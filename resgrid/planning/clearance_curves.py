@@ -140,7 +140,7 @@ def clearance_curve(
 
 
 def _settings(knob: str, values: ArrayLike, limit: float) -> NDArray[np.float64]:
-    """Return `values` of a parameter as an array (n,); raise InputError unless they lie between 0 and `limit`.
+    """Return `values` of a parameter as an array (n,); raise InputError unless they lie in [0, `limit`].
 
     `knob`: name of the parameter in the message.
     """

@@ -24,7 +24,7 @@ _MOST_TRIALS = 2000
 def escape_leg(
     scene: Scene, space: ConfigurationSpace, start: NDArray[np.float64], targets: NDArray[np.bool_]
 ) -> Polyline | None:
-    """Return the shortest straight line from a start in the inflated zone to a target cell.
+    """Return the shortest straight line from a start in the inflated zone to the nearest point of a target cell.
 
     The robot's centre crosses no obstacle on the line; None if the centre lies in an obstacle, or if no such line is
     among the `_MOST_TRIALS` shortest lines.  The inflated zone consists of the cells in which the robot, but not its

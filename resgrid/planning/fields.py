@@ -133,8 +133,8 @@ class Field:
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the scaled gradient of the potential at points within cells, and the logarithm of the scale.
 
-        At conductivity 1 the current through a face of axis ``a`` is ``(h_ref / h_a)**2`` times the decrease of the
-        potential.  The gradient is therefore minus the current times ``h_a / h_ref**2``, and linear between the faces.
+        At conductivity c the current through a face of axis ``a`` is ``c (h_ref / h_a)**2`` times the decrease of the
+        potential.  So c times the gradient is minus the current times ``h_a / h_ref**2``, and linear between faces.
 
         Parameters
         ----------
@@ -146,7 +146,7 @@ class Field:
         Returns
         -------
         gradient : ndarray of float64, shape (n, ndim)
-            Gradient times ``h_ref**2``, divided by the scale of its cell.
+            Gradient times ``c h_ref**2``, divided by the scale of its cell.
         log_scale : ndarray of float64, shape (n,)
             Natural logarithm of the scale, the largest current through a face of the cell; 0 without current.
         """

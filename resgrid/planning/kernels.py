@@ -67,7 +67,7 @@ def _face(flow: Flow, cell: Integers, axis: int) -> int:
 
 @inlined
 def face_velocities(flow: Flow, cell: Integers, lower: Floats, upper: Floats) -> float:
-    """Write a cell's signed face currents over their largest magnitude to `lower, upper`; return ln of the divisor."""
+    """Write a cell's face currents over their largest magnitude to `lower, upper`; return its ln, -inf without any."""
     scale = -np.inf
     for axis in range(len(cell)):
         face = _face(flow, cell, axis)
@@ -172,8 +172,8 @@ def trace(flow: Flow, cell: Integers, local: Floats, cells: Integers, locals_: F
 
     ``cell`` (ndim,) and ``local`` (ndim,), the position within the cell in [0, 1], hold the start on entry and the end
     on return.  The first n visited cells and entry positions are written to ``cells`` and ``locals_`` (n, ndim).
-    Return outcome (`REACHED`, `NO_CURRENT` or `ENDLESS`), number of crossings, length in axis units, and natural log of
-    the time, in the unit for which velocities equal face currents.
+    Return outcome (`REACHED`, `NO_CURRENT`, or `ENDLESS` after as many steps as cells), number of crossings, length in
+    axis units, and natural log of the time, in the unit for which velocities equal face currents.
     """
     ndim = len(cell)
     lower, upper = np.empty(ndim), np.empty(ndim)
@@ -204,7 +204,7 @@ def only_goal(flow: Flow, goal: Integers, periodic: NDArray[np.bool_]) -> Intege
     """Return the index of the goal region at which all current lines from each cell end, shape (cells,).
 
     The result is -1 if all lines from a free cell end in cells without outward current, and `MIXED` if they end in
-    different regions.  Cells are labelled downstream first.
+    different regions; it has no meaning for obstacle cells.  Cells are labelled downstream first.
     ``goal`` (cells,): index of the goal region of every goal cell; ``periodic`` (ndim,): mask of periodic axes.
     """
     count, ndim = len(flow.code), len(flow.shape)
@@ -302,7 +302,7 @@ def clearance(
     spacing: Floats,
     periodic: NDArray[np.bool_],
 ) -> float:
-    """Return the smallest distance, in axis units, from any of n segments to the box of an obstacle cell.
+    """Return the smallest distance, in axis units, from n segments to the box of an obstacle cell; inf without any.
 
     ``cells`` (n, ndim): cell of each segment; ``starts``, ``ends`` (n, ndim): end points in axis units, relative to the
     cell's lower corner; ``reach`` (n,): upper bounds of each segment's distance, ascending; ``obstacle`` (cells,): mask

@@ -52,7 +52,7 @@ class LatticeField:
         the site, 0 without current; one array of the lattice's shape per step.  Currents into obstacles are left out.
     step_log_current : tuple of ndarray of float64
         Natural logarithm of the current's magnitude, in units of supply / resistance and for the potential as scaled;
-        -inf without current.
+        -inf without current.  Shapes of `step_direction`.
     k : float
         Weight of the Dirichlet field: 1 for Dirichlet and walls, 0 for Neumann.
     read_out : {"density", "current"}

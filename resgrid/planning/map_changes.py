@@ -37,7 +37,7 @@ class Change:
             raise InputError("update() needs one of grid (the codes of all cells), occupancy, or both cells and values")
 
     def applied(self, space: ConfigurationSpace, scene: Scene | None) -> ConfigurationSpace:
-        """Return the changed space; the given space itself if no cell changes.
+        """Return the changed space: `grid` if it is a space; `space` itself if no cell changes.
 
         `scene`: scene of the space, None for a planner of a space.  Raise InputError for invalid values.
         """
@@ -49,7 +49,10 @@ class Change:
         return space if np.array_equal(codes, space.cell) else space.with_cells(codes)
 
     def _codes(self, space: ConfigurationSpace) -> NDArray[np.integer]:
-        """Return the code of every cell after the change, shape of the space; a given `grid` may have another shape."""
+        """Return the code of every cell after the change, shape of the space.
+
+        A `grid` of another shape is returned as it is; the new space rejects it.
+        """
         if self.grid is not None:
             codes = real_numbers("grid", self.grid)  # type: ignore[arg-type]
             return codes.astype(np.uint8) if codes.dtype == bool else codes

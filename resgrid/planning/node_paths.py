@@ -52,7 +52,7 @@ class NodePath:
         Length of the polyline in axis units.
     clearance : float
         Smallest distance, in axis units, from the polyline to an obstacle cell or to an edge of the grid that counts
-        as an obstacle; infinite if there is neither; NaN for a path without motion.
+        as an obstacle; infinite if there is neither; NaN for a start that is blocked or has no way to a goal.
     log_duration : float
         NaN, since a path from node to node has no duration.
     field : LatticeField

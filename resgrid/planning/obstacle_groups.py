@@ -55,8 +55,8 @@ class RegionGraph:
 
     `node` (shape of the space): graph node of every cell; `regions`: number of regions, which are the first nodes; node
     ``regions + g`` is group ``g``; `graph` (nodes, nodes): symmetric matrix of the costs of steps between adjacent
-    nodes.  The cost of a path between two regions is the number of groups on it, plus a number below 1 that grows with
-    the number of cells in these groups.
+    nodes, whose cells share a face.  The cost of a path between two regions is the number of groups on it, plus a
+    number below 1 that grows with the number of cells in these groups.
     """
 
     node: NDArray[np.int64]

@@ -58,9 +58,9 @@ def run_silently(_stage: str, function: Callable[..., Any], *arguments: Any, **_
 class SolveOptions:
     """Options of the solve stages of the pipeline.
 
-    `solver`: function that solves a netlist; `threads`: number of threads; `observe`: function that runs and displays
-    each stage; `by_petsc`: whether PETSc processes solve fields without a netlist; `ranks`: number of PETSc processes,
-    None with a launcher; `launcher`: command that starts the PETSc processes and sets their number.
+    `solver`: function that solves a netlist; `threads`: number of threads of a solve; `observe`: function that runs and
+    displays each stage; `by_petsc`: whether PETSc processes solve fields without a netlist; `ranks`: number of PETSc
+    processes, None with a launcher; `launcher`: command that starts the PETSc processes and sets their number.
     """
 
     solver: Solver = solve

@@ -128,7 +128,7 @@ def solve_changed(solution: Solution, space: ConfigurationSpace, kept: KeptCircu
 def _compared(old: ConfigurationSpace, new: ConfigurationSpace) -> tuple[int, str | None]:
     """Return the number of cells that differ, and the reason why no result of the space `old` can be reused for `new`.
 
-    The reason is None if results can be reused.
+    Cells differ in code or conductivity.  The reason is None if results can be reused.
     """
     if new.axes != old.axes:
         return new.cell.size, "other axes"

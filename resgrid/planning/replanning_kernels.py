@@ -53,9 +53,10 @@ def split_contacts(
     """Split the conductances of a plane's faces into those between cells with an equation, and those to the rails.
 
     `kind` (nx + 2, ny + 2): `CellRole` of every cell, with a margin; `own` (nx, ny): whether a cell has an equation;
-    `faces`: conductances (nx + 1, ny) and (nx, ny + 1) of the faces across both axes, which are multiplied by `unit`.
-    Results: `inner`, shapes of `faces`: conductances between cells with an equation, 0 at other faces; `low`, `high`
-    (nx, ny): conductance of every cell to the low and to the high rail.
+    `faces`: conductances (nx + 1, ny) and (nx, ny + 1) of the faces across both axes, in siemens, which are multiplied
+    by `unit`, the resistance between neighbours.  Results, in units of 1 / resistance: `inner`, shapes of `faces`:
+    conductances between cells with an equation, 0 at other faces; `low`, `high` (nx, ny): conductance of every cell to
+    the low and to the high rail.
     """
     low[:], high[:], inner[0][:], inner[1][:] = 0.0, 0.0, 0.0, 0.0
     for i in range(own.shape[0]):
@@ -154,8 +155,9 @@ def face_currents(
     """Compute the current through every face of a plane, positive along the axis, ``amps * 2**(256 exponent)``.
 
     `values`: values of the cells; `conductance` (faces,): conductances of the faces across the first axis, then across
-    the second one, which are multiplied by `unit`.  Results (faces,): `amps`, `exponent`, and `is_uncertain`: whether a
-    current may be a rounding error.
+    the second one, in siemens; `unit`: resistance between neighbours, in ohms.  Results (faces,): `amps`, `exponent` of
+    currents in units of supply / resistance (largest height / resistance with a single rail), and `is_uncertain`:
+    whether a current may be a rounding error.
     """
     nx, ny = values.own.shape[0] - 2, values.own.shape[1] - 2
     for axis in range(2):
@@ -222,8 +224,9 @@ def check_cells(
 def drop_uncertain(amps: Floats, exponent: Integers, is_uncertain: Bools, through: Floats, scale: Integers) -> int:
     """Set to zero the currents that may be rounding errors and are negligible in both cells; return their number.
 
-    `amps, exponent, is_uncertain` (faces,): currents, and whether they may be rounding errors; `through, scale` (nx,
-    ny): through-currents of the cells, 0 in cells without an equation.
+    A current is negligible up to the fraction `_NEGLIGIBLE` of a cell's through-current.  `amps, exponent` (faces,):
+    currents ``amps * 2**(256 exponent)``, changed in place; `is_uncertain` (faces,): whether they may be rounding
+    errors; `through, scale` (nx, ny): through-currents of the cells, 0 in cells without an equation.
     """
     nx, ny = through.shape
     dropped = 0

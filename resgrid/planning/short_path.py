@@ -42,7 +42,7 @@ class ShortPath:
     space : ConfigurationSpace
         Configuration space of the path.
     goal : int or None
-        Index of the goal region at the end of the path.
+        Index of the goal region at the end of the path, None if it ends in no goal.
 
     Examples
     --------

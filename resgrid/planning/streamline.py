@@ -52,6 +52,9 @@ _UNSAFE = (
 class Streamline:
     """A path that follows the current of a field from a start; its `points` are world coordinates.
 
+    With the outcome ``start_blocked``, ``no_path`` or ``goal_blocked``, it consists of the start: the length is 0, and
+    `clearance` and `log_duration` are NaN.
+
     Attributes
     ----------
     axis_points : ndarray of float64, shape (n, ndim)
@@ -73,8 +76,8 @@ class Streamline:
         Smallest distance, in axis units, from the polyline to the box of an obstacle cell or to an edge of the grid
         that counts as an obstacle; infinite if there is neither.
     log_duration : float
-        Natural logarithm of the time to the goal cell's face, where the current ends, at the velocity
-        ``-conductivity * grad(phi)``; NaN without motion.
+        Natural logarithm of the time to the goal cell's face, where the current ends, or to the last crossing if no
+        goal is reached, at the velocity ``-conductivity * grad(phi)``; NaN without motion.
     field : Field
         The field whose current the streamline follows.
     space : ConfigurationSpace

@@ -2,7 +2,7 @@
 
 Corners are rounded by parabolic blends (R. P. Paul, Robot Manipulators, 1981, chapter 5): a parabola of constant
 acceleration from a distance ``d`` before the corner to ``d`` after it, which passes the corner, for unit directions
-``u1`` and ``u2``, at the distance ``d |u2 - u1| / 4``.  The tolerance bounds ``d``.
+``u1`` and ``u2``, at the distance ``d |u2 - u1| / 4``.  Half of the tolerance bounds this distance.
 """
 
 from __future__ import annotations

@@ -49,7 +49,7 @@ class Traces:
         Natural logarithm of the time to the goal cell's face, or to the end of the streamline, at the velocity
         ``-conductivity * grad(phi)``; NaN without motion.
     steps : ndarray of int64, shape (n,)
-        Number of crossed faces.
+        Number of crossed faces; for a lattice other than "square", number of steps between sites.
 
     Examples
     --------
@@ -339,9 +339,10 @@ def static_outcomes(space: ConfigurationSpace, cells: NDArray[np.int64]) -> NDAr
 
 
 def _points(space: ConfigurationSpace, cells: NDArray[np.int64], locals_: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return points of a streamline in axis units, and the goal point of the last cell, if the space defines one.
+    """Return points of a streamline in axis units, (n, ndim), or (n + 1, ndim) with the last cell's goal point.
 
-    `cells` (n, ndim): visited cells; `locals_` (n, ndim): positions within the cells, in [0, 1].
+    The goal point is appended if the space defines one for the last cell.  `cells` (n, ndim): visited cells; `locals_`
+    (n, ndim): positions within the cells, in [0, 1].
     """
     points = space.lower + (cells + locals_) * space.spacing
     goal = space.goal_point(cells[-1:])
