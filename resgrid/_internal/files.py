@@ -74,7 +74,7 @@ def read_bytes(
 
 
 def read_text(path: Path) -> str:
-    """Return the text of a UTF-8 file with LF line ends; raise InputError if the file cannot be read or decoded."""
+    """Return the text of a UTF-8 file with LF line ends; raise InputError for unreadable, other and too large files."""
     return decode(read_bytes(path, MAX_TEXT_BYTES), path)
 
 
