@@ -50,7 +50,8 @@ def open_executor(name: str) -> Iterator[Executor]:
     Raises
     ------
     InputError
-        If the name is unknown, no scheduler answers at the address, or the file does not set ``config``.
+        If the name is unknown, no scheduler answers at the address, the file does not set ``config``, or there is only
+        one MPI rank.
     ToolMissingError
         If the package of the executor is not installed.
 

@@ -18,10 +18,10 @@ from pathlib import Path
 from resgrid.errors import InputError, ResgridError
 
 SUMMARY = "summary.json"
-"""Name of the file that lists all files of a folder of results."""
+"""Name of the JSON file whose entry ``files`` lists all files of a folder of results."""
 
 MAX_TEXT_BYTES = 1 << 28
-"""Maximum size of a text file, in bytes."""
+"""Maximum size of a text file, in bytes; a larger file raises InputError."""
 
 _STALE = 86_400.0
 """Age in seconds above which an unlocked temporary file is deleted as a remnant of a killed process."""
@@ -44,10 +44,11 @@ def temporary_folder() -> Iterator[Path]:
 def read_bytes(
     path: Path, limit: int | None = None, *, name: str | None = None, first: int = -1, piped: bool = True
 ) -> bytes:
-    """Return the bytes of a file; raise InputError if the file cannot be read.
+    """Return the bytes of a file; raise InputError if the file cannot be read or is too large.
 
-    `path`: path of the file; `limit`: maximum size in bytes, None for no limit; `name`: name of the file in messages,
-    by default the path; `first`: number of bytes to read, -1 for all; `piped`: whether a pipe is accepted.
+    `path`: path of the file; `limit`: maximum size in bytes (pipes have no limit), None for no limit; `name`: name of
+    the file in messages, by default the path; `first`: number of bytes to read, -1 for all; `piped`: whether a pipe is
+    accepted.
     """
     said = str(path) if name is None else name
     try:
@@ -73,7 +74,7 @@ def read_bytes(
 
 
 def read_text(path: Path) -> str:
-    """Return the text of a UTF-8 file with LF line ends; raise InputError if the file cannot be read or decoded."""
+    """Return the text of a UTF-8 file with LF line ends; raise InputError for unreadable, other and too large files."""
     return decode(read_bytes(path, MAX_TEXT_BYTES), path)
 
 
@@ -246,15 +247,16 @@ def _earlier_files(target: Path) -> set[str]:
 
 
 def _is_inside(name: str) -> bool:
-    """Return whether a relative file name contains only plain names, so that the file lies in the folder itself."""
+    """Return whether a file name is relative and without ``..``, so that the file lies in the folder or a subfolder."""
     parts = Path(name).parts
     return bool(parts) and "/".join(parts) == name and ".." not in parts and not Path(name).is_absolute()
 
 
 def temporary_place(folder: Path, stem: str, suffix: str = "") -> Path:
-    """Return a new path for a temporary file or folder, and delete remnants of killed processes with this stem.
+    """Return an unused path for a temporary file or folder, and delete remnants of killed processes.
 
-    `folder`: folder of the path; `stem`, `suffix`: beginning and end of the name, cut off after 80 and 20 characters.
+    `folder`: folder of the path; `stem`, `suffix`: beginning and end of the name, cut off after 80 and 20 characters. A
+    remnant has this stem and suffix, is older than a day (`_STALE`), and is not locked.
     """
     with contextlib.suppress(OSError):  # another process deleted the remnant; an unwritable folder fails later
         for remnant in _temporary_paths(folder, stem, suffix):

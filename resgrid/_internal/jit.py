@@ -29,10 +29,10 @@ _STAMP = "resgrid-kernels.sha256"
 _njit: Any = njit
 _KERNEL: dict[str, Any] = {"cache": True, "nogil": True, "no_cfunc_wrapper": True}
 _DEVICE: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-"""Options of `numba.njit` for kernels (called from Python) and for device functions (called from compiled code).
+"""Options of `numba.njit`: `_KERNEL` for kernels (called from Python), `_DEVICE` for device functions.
 
-They omit the entry point for C and, in device functions, that for Python. Compilation of these unused entry points
-takes an eighth of the time until the first solution.
+Device functions are called from compiled code only. The options omit the entry point for C and, in device functions,
+that for Python. Compilation of these unused entry points takes an eighth of the time until the first solution.
 """
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
@@ -71,7 +71,8 @@ def interruptible(function: _Function) -> _Function:
     """Return a wrapper of the kernel `function`, in which Ctrl-C raises KeyboardInterrupt.
 
     The wrapper is for kernels that take or return tuples of arrays.  If a signal arrives while numba creates the
-    arrays, the kernel raises SystemError instead.  The wrapped kernel can be called from Python only.
+    arrays, the kernel raises SystemError, and the wrapper raises KeyboardInterrupt in its place.  The wrapped kernel
+    can be called from Python only.
     """
 
     @wraps(function)

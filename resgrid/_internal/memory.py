@@ -20,7 +20,9 @@ SMALLER_MAP = (
     "resolution; pictures and arrays: --spacing)"
 )
 FEWER_HEADINGS = "take fewer headings (--set map.headings=16)"
-"""Advice in messages if cells exceed the memory: those of a scene, of a map, or of a robot that turns on a map."""
+"""Advice in messages if cells exceed the memory: `FEWER_CELLS` for the cells of a scene, `SMALLER_MAP` for those of a
+map, `FEWER_HEADINGS` for those of a robot that turns on a map.
+"""
 
 Remedy = str | Callable[[float], str]
 """Advice in a message: text, or a function that returns the text for the ratio of needed to available memory."""

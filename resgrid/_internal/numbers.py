@@ -65,7 +65,8 @@ def check_whole(name: str, value: Any, least: int) -> None:
 def real_numbers(name: str, value: ArrayLike) -> NDArray[Any]:
     """Return a value as an array of real numbers; raise InputError for complex or masked numbers, text and dates.
 
-    `name`: name of the value in the message.
+    Integers, truth values and floats keep their data type; NaN and infinity are accepted. `name`: name of the value in
+    the message.
     """
     try:
         array = np.asarray(value)
@@ -85,7 +86,8 @@ def per_axis(
     """Return one number per axis, (ndim,); raise InputError for a wrong shape or a number outside the limits.
 
     `name`: name of the value in the message; `value`: one number for all axes or one for each; `words`: description of
-    the limits in the message; `least`, `most`: smallest and largest allowed number; `above`: exclusive lower limit.
+    the limits in the message; `least`, `most`: smallest and largest allowed number, by default every finite one;
+    `above`: exclusive lower limit.
     """
     try:
         given = np.array(value, dtype=np.float64)

@@ -244,7 +244,7 @@ class _Scheduler:
                 yield from found
 
     def _advance(self) -> bool:
-        """Submit tasks and receive finished ones; return False if no task is left; handle interrupts at the end."""
+        """Submit tasks and receive finished ones; return False if no task is left; then handle Ctrl-C and SIGTERM."""
         with interrupts_deferred(wake=lambda: self._finished.put(None)):
             if not self._fill():
                 return False

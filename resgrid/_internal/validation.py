@@ -61,7 +61,7 @@ class TypeCheck(NamedTuple):
 
 
 TypeChecks = dict[str, TypeCheck]
-"""Checks of argument types, by the name of the parameter or field."""
+"""Checks of argument types, by the name of the parameter or of the attribute of a dataclass."""
 
 SOURCES = {
     "Chip": "scene.chip, or rg.Chip(...)",
@@ -164,7 +164,7 @@ def _with_checks(function: Callable[..., Any], name: str) -> Callable[..., Any]:
 
 
 def type_checks_of(value: Any) -> TypeChecks:
-    """Return the checks of all annotations of the function or class `value`, by the name of the parameter or field.
+    """Return the checks of all annotations of the function or class `value`, by the name of parameter or attribute.
 
     A check tests whether a value has the annotated type, and describes this type for messages.
     """

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 Record = TypeVar("Record")
 _MAX_REPR = 60
-"""Number of characters of a field's text up to which the ``repr`` of a dataclass shows the whole text."""
+"""Number of characters of an attribute's text up to which the ``repr`` of a dataclass shows the whole text."""
 _MAX_SHORT = 4
 """Number of entries up to which a ``repr`` shows the entries of a list, tuple or mapping."""
 _MAX_BRIEF = 12
@@ -76,7 +76,10 @@ def _repr(self: Any) -> str:
 
 
 def _short(value: Any) -> str:
-    """Return a short text for a field: type and shape of an array, length of a list, or a shortened ``repr``."""
+    """Return a short text for an attribute of a dataclass: type and shape of an array, length of a list, or ``repr``.
+
+    Lists of up to `_MAX_SHORT` entries are shown whole; a ``repr`` is cut off after `_MAX_REPR` characters.
+    """
     if _is_array(value):
         return f"{value.dtype}{value.shape}"
     if isinstance(value, tuple | list | Mapping) and len(value) > _MAX_SHORT:

@@ -17,9 +17,10 @@ def conductances_by_row(
 ) -> tuple[Indices, Indices, Floats]:
     """Return the conductances between rows as sorted symmetric CSR arrays: begins of rows, columns and conductances.
 
-    Parallel conductances are summed; there is no diagonal. Resistors are processed in their order: a column beyond the
-    diagonal is written at the last free place of its row, a column before the diagonal at the first free one. Resistors
-    of a grid are listed axis by axis, so that their columns are then already sorted.
+    Parallel conductances are summed; there is no diagonal. Resistors with an end at a known voltage, or with both ends
+    in one row, are skipped. Resistors are processed in their order: a column beyond the diagonal is written at the last
+    free place of its row, a column before the diagonal at the first free one. Resistors of a grid are listed axis by
+    axis, so that their columns are then already sorted.
 
     `pairs` (m, 2), `conductance` (m,): vertices at the ends of every resistor, and its conductance in siemens; `row`
     (vertices,): row of every vertex, negative for a known voltage; `size`: number of rows.
@@ -125,10 +126,12 @@ def compare_edges(
 ) -> tuple[int, float, float, float, int]:
     """Return number, minimum, maximum and sum of the conductances between rows in siemens, and the number of weak ones.
 
-    A conductance is weak if it is below ``weak`` times the strongest conductance at either of its rows.
+    A conductance is weak if it is below ``weak`` times the strongest conductance at either of its rows. Without
+    conductances the minimum is infinite and the other results are 0.
 
-    `pairs` (m, 2), `conductance` (m,): vertices at the ends of every resistor, and its conductance; `row` (vertices,):
-    row of every vertex, negative for a known voltage; `strongest` (n,): work array, 0 on entry.
+    `pairs` (m, 2), `conductance` (m,): vertices at the ends of every resistor, and its conductance in siemens; `row`
+    (vertices,): row of every vertex, negative for a known voltage; `strongest` (n,): 0 on entry, receives the largest
+    conductance at every row.
     """
     count, smallest, largest, total, weak_count = 0, np.inf, 0.0, 0.0, 0
     for k in range(len(pairs)):

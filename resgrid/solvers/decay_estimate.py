@@ -1,5 +1,8 @@
 """Estimate from the graph alone by how many orders of magnitude a potential falls.
 
+The potential is here the voltage difference to the high rail (obstacles). It is largest at the low rail (goals), and
+falls along a corridor with the distance from the goal.
+
 The solution on a coarse multigrid level would be an alternative. It found 0.7 to 0.95 of the true orders of magnitude
 in open planes and volumes, but 0.2 to 0.7 where corridors are narrower than its blocks. It also needs the levels, which
 circuits that are then solved directly do not.
@@ -42,6 +45,7 @@ v``.
 def estimate_decades(laplacian: Laplacian, statistics: ConductanceStatistics) -> float:
     """Return an estimate of the orders of magnitude by which a potential falls between two rails; 0 for other circuits.
 
+    The potential is the voltage difference to the high rail, which falls with the distance from the low rail.
     `laplacian, statistics`: the matrix, and statistics of its conductances. The nodes of lowest potential are left out,
     at most 5,000 and one in 50, since `resgrid.solvers.refinement` solves for them directly.
 
@@ -77,6 +81,8 @@ def decay(
 ) -> float:
     """Return the approximate natural logarithm of the ratio by which a potential falls, without the lowest nodes.
 
+    The potential is the voltage difference to the high rail, which falls with the distance from the low rail.
+
     `rows`: conductances between nodes; `ends`: masks (n,) of the nodes that touch the low rail and the high rail;
     `rate`: natural logarithm of the fall per cell, times the width of a corridor in cells; `wall`: contact resistance
     to obstacles in excess of the resistance between nodes, divided by the latter and by twice the number of dimensions
@@ -101,11 +107,11 @@ def costs_by_depth(deepest: int, rate: float, wall: float, leak: float = 0.0) ->
     """Return the cost of a step to a node, by the number of steps from the node to the high rail, shape (deepest + 1,).
 
     The cost is the decay of the potential, in units of a factor of ``exp(1 / _PARTS)``, and at least 1. The last entry,
-    for nodes without a path to obstacles, is the decay by the leak alone. `deepest`: upper bound of the number of
-    steps; `rate`: natural logarithm of the fall per cell, times the width of a corridor in cells; `wall`: contact
-    resistance to obstacles in excess of that between nodes, divided by the latter and by twice the number of dimensions
-    across a corridor; `leak`: conductance of the leak of a node, relative to that between nodes. Along a chain with
-    leaks the potential falls by ``2 asinh(sqrt(leak) / 2)`` factors of e per step.
+    for nodes without a path to obstacles, is the decay by the leak alone, 0 without a leak. `deepest`: upper bound of
+    the number of steps; `rate`: natural logarithm of the fall per cell, times the width of a corridor in cells; `wall`:
+    contact resistance to obstacles in excess of that between nodes, divided by the latter and by twice the number of
+    dimensions across a corridor; `leak`: conductance of the leak of a node, relative to that between nodes. Along a
+    chain with leaks the potential falls by ``2 asinh(sqrt(leak) / 2)`` factors of e per step.
     """
     least = _PARTS * 2.0 * np.arcsinh(0.5 * np.sqrt(leak))
     costs = np.full(deepest + 1, max(1.0, least), dtype=np.int32)
@@ -120,15 +126,15 @@ def costs_by_depth(deepest: int, rate: float, wall: float, leak: float = 0.0) ->
 
 @kernel
 def cheapest_paths(rows: Rows, begin: NDArray[np.bool_], cost: Indices, wanted: int, head: Indices) -> int:
-    """Return the largest cost of a cheapest path to any of the ``wanted`` nearest nodes (Dial 1969).
+    """Return the largest cost of a cheapest path to any of the ``wanted`` nodes with the cheapest paths (Dial 1969).
 
     The cost of a step depends only on the node that the step leads to. The first path found to a node is therefore the
     cheapest.
 
     `rows`: neighbours of every node; `begin` (n,): mask of the nodes where paths begin; `cost` (n,): cost of a step to
     each node, below the number of buckets. On entry it is encoded as ``-2 - cost``; on exit it is the cost of the path
-    to each reached node. `head` (buckets,): first node of the linked list of every bucket of the priority queue, -1 on
-    entry.
+    to each of the ``wanted`` nodes, and unchanged at nodes without a path. If fewer nodes have a path, all of them
+    count. `head` (buckets,): first node of the linked list of every bucket of the priority queue, -1 on entry.
     """
     # Linked lists of the nodes in the buckets: `head`, and the successor of every node until it is visited.
     after, buckets, waiting, seen = cost, len(head), 0, 0

@@ -35,11 +35,11 @@ class Tree(NamedTuple):
 
 
 class Planes(NamedTuple):
-    """Equations of a plane of cells, by rank.
+    """Equations of a plane of cells, by rank (number in the order of elimination).
 
-    `is_active` (cells,): whether a cell has an equation; `conductance` (cells, 4): conductances to the neighbours, 0
-    without a resistor; `ground` (cells,): conductance to nodes of known voltage; `is_marked` (nodes,): whether a node
-    of the tree must be eliminated again.
+    `is_active` (cells,): whether a cell has an equation; `conductance` (cells, 4): conductances to the neighbours in
+    the order of ``Tree.neighbour``, 0 without a resistor; `ground` (cells,): conductance to nodes of known voltage;
+    `is_marked` (nodes,): whether a node of the tree must be eliminated again. Conductances have any common unit.
     """
 
     is_active: NDArray[np.bool_]
@@ -55,8 +55,8 @@ class Fronts(NamedTuple):
     rank of the cell of every row, ascending within a front; `values` (entries,): lower triangles by columns.  In the
     columns of pivots these are the pivots and, below, the fractions of a current that elimination passes on to later
     cells; in later columns, the conductances between later cells after the elimination.  `ground` (rows of all
-    fronts,): conductance of every row to the ground, divided by the pivot in pivots; `longest`: largest number of rows
-    of a front.
+    fronts,): conductance of every row to the ground (nodes of known voltage), in rows of pivots divided by the pivot;
+    `longest`: largest number of rows of a front.
     """
 
     pivots: NDArray[np.int64]

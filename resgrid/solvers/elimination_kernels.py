@@ -1,8 +1,9 @@
-"""Compiled kernels of the elimination tree: fronts of dissected planes, substitution, and the comparison of equations.
+"""Compiled kernels of the elimination tree: elimination of fronts, and comparison of new with stored equations.
 
-The tree and its arrays are described in `resgrid.solvers.elimination_tree`.  A front is a dense symmetric matrix of
-the conductances between the cells of one node of the tree.  Its strictly lower triangle is stored by columns; the slot
-of a diagonal entry holds the pivot after the elimination.  Conductances to the ground have an array of their own.
+The comparison finds the nodes of the tree that must be eliminated again.  The tree and its arrays are described in
+`resgrid.solvers.elimination_arrays`.  A front is a dense symmetric matrix of the conductances between the cells of one
+node of the tree and the later cells connected to them.  Its lower triangle is stored by columns; a diagonal entry holds
+the pivot after the elimination.  Conductances to the ground (nodes of known voltage) have an array of their own.
 
 Import this module only inside functions that call a kernel, because importing numba takes seconds.
 """
@@ -25,7 +26,7 @@ _FEW = 2
 """Number of pivots up to which the elimination of a front skips the zeros of its columns."""
 
 _SMALLEST = 1e-300
-"""Value above which a pivot is valid, because its inverse does not overflow."""
+"""Value above which a pivot (a sum of conductances, in their unit) is valid, because its inverse does not overflow."""
 
 Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]
@@ -36,9 +37,10 @@ Integers = NDArray[np.int64]
 def load(tree: Tree, planes: Planes, across: Floats, along: Floats, ground: Floats, cell_is_active: Bools) -> int:
     """Store the equations of all cells, mark the nodes of the tree to be eliminated again, and return their number.
 
-    `across` (nx + 1, ny), `along` (nx, ny + 1): conductances through the faces across both axes, 0 next to a cell
-    without an equation; `ground`, `cell_is_active` (nx, ny): conductance to the ground, and mask of the cells with an
-    equation.  A node is marked if the equation of one of its cells has changed, or if a child is marked.
+    `across` (nx + 1, ny), `along` (nx, ny + 1): conductances through the faces across the first and the second axis, 0
+    next to a cell without an equation; `ground`, `cell_is_active` (nx, ny): conductance to the ground, and mask of the
+    cells with an equation.  A node is marked if the equation of one of its cells differs from the stored one, or if a
+    child is marked.
     """
     own = np.empty(4)
     for i in range(ground.shape[0]):
@@ -270,9 +272,9 @@ def _update_columns(
 ) -> None:
     """Add the contributions of the eliminated columns `first` to ``stop - 1`` to all later columns, two at a time.
 
-    `node`: index of the node in the tree whose front is updated; `panel`: entries of these columns, column by column,
-    filled with zeros to the width of a panel; `weights` (4, columns of a panel): work array for two sets of weights,
-    the pivots, and their conductances to the ground.
+    `node`: index of the node in the tree whose front is updated; `panel`: entries of these columns divided by pivots,
+    column by column, filled with zeros to the width of a panel; `weights` (4, columns of a panel): work array for two
+    sets of weights, the pivots, and their conductances to the ground divided by the pivots.
     """
     values, ground, row, base = fronts.values, fronts.ground, tree.first_row[node], tree.offset[node]
     rows = fronts.rows[node]
@@ -303,9 +305,9 @@ def _add_panel(
 ) -> None:
     """Add two weighted sums of a panel's columns to `count` entries of `values` from `one` on, and from `other` on.
 
-    `panel`: entries column by column; `apart`: number of entries from the begin of a column to the next; `begin`: first
-    row that is summed; `weights` (4, columns of a panel): weights of the columns, in row 0 for the sum at `one` and in
-    row 1 for the sum at `other`; rows 2 and 3 are ignored.
+    `panel`: entries divided by pivots, column by column; `apart`: number of entries from the begin of a column to the
+    next; `begin`: first row that is summed; `weights` (4, columns of a panel): weights of the columns, in row 0 for the
+    sum at `one` and in row 1 for the sum at `other`; rows 2 and 3 are ignored.
     """
     u, v = np.uint64(one), np.uint64(other)
     a, b = np.uint64(begin), np.uint64(begin + apart)
@@ -334,7 +336,10 @@ def _add_column(target: Floats, there: int, source: Floats, here: int, weight: f
 
 @inner_fast
 def _divide(values: Floats, column: int, panel: Floats, there: int, pivot: float, begin: int, end: int) -> None:
-    """Copy ``values[column + r]`` to ``panel[there + r]``, then divide it by a pivot, for `begin` <= `r` < `end`."""
+    """Divide ``values[column + r]`` by `pivot` in place, and copy the quotients to ``panel[there + r]``.
+
+    `r` runs from `begin` to ``end - 1``.
+    """
     inverse, c, t = 1.0 / pivot, np.uint64(column), np.uint64(there)
     for each in range(begin, end):
         r = np.uint64(each)

@@ -28,7 +28,8 @@ _STRETCH = 2_000
 _LEAST = 1e-200
 """Smallest entry that a solution in doubles may have; with a smaller one it is computed again with scaled numbers.
 
-A scaled number has an integer exponent of its own. In an entry above this limit, terms that underflow are negligible.
+The limit applies to the number itself, whatever the unit of the solution. A scaled number has an integer exponent of
+its own. In an entry above this limit, terms that underflow are negligible.
 """
 
 
@@ -64,6 +65,7 @@ class PlaneElimination:
         The result is None if a pivot is not a positive finite double.  `across` (nx + 1, ny): conductances of the faces
         across the first axis, `along` (nx, ny + 1): across the second axis, 0 next to a cell without an equation;
         `ground` (nx, ny): conductance to nodes of known voltage; `is_active` (nx, ny): whether a cell has an equation.
+        Conductances have any common unit.
         """
         from resgrid.solvers.elimination_kernels import eliminate, load
 
@@ -75,8 +77,9 @@ class PlaneElimination:
         return marked / nodes
 
     def solve(self, currents: NDArray[np.float64]) -> Numbers:
-        """Return mantissas and exponents of the solution, (nx, ny) each, 0 in cells without an equation.
+        """Return the solution ``m * 2**(256 e)`` as mantissas and exponents, (nx, ny) each.
 
+        It is 0 in cells without an equation, and in the unit of the currents divided by that of the conductances.
         `currents` (nx, ny): nonnegative current into every cell, 0 in cells without an equation.
         """
         from resgrid.solvers.substitution_kernels import substitute, substitute_plainly

@@ -53,7 +53,7 @@ The error is due to rounding in subtraction-free factors and substitution.
 _LEAST_ENTRY = 1e-150
 """Smallest positive entry of ``-L`` (a dimensionless fraction) for which products of two entries do not underflow.
 
-With a smaller entry the bound on the relative error of a solution is infinite.
+``L`` is the factor of ``L D L^T``. With a smaller entry the bound on the relative error of a solution is infinite.
 """
 
 _MOST_PASSES = 4
@@ -93,9 +93,10 @@ class Factor(ABC):
         rhs : array_like, shape (n,)
             Right-hand side, in amperes.
         rtol : float, optional
-            Largest normwise backward error, between 0 and 1.
+            Largest normwise backward error ``|rhs - A x| / (2 d |x| + |rhs|)``, between 0 and 1, with the largest
+            diagonal entry ``d``. Norms are maximum norms for the direct method, Euclidean norms for multigrid.
         guess : array_like, shape (n,), optional
-            Initial solution in volts, for iterative methods.
+            Initial solution in volts, for multigrid; 0 by default.
         watch : ProgressMonitor, optional
             Records iterations and the accuracy, and can cancel the solve.
 
@@ -108,6 +109,8 @@ class Factor(ABC):
         ------
         AccuracyError
             If the backward error exceeds `rtol`.
+        InputError
+            For a wrong `rtol` or shape, or an entry that is not finite.
         """
         check_rtol(rtol)
         begin = None if guess is None else self._one_per_row("guess", guess)
@@ -131,7 +134,7 @@ class Factor(ABC):
         solution : Scaled, shape (n,)
             Solution, in volts.
         error : float
-            Componentwise backward error of the solution.
+            Componentwise backward error of the solution; no exception is raised for a large one.
 
         Raises
         ------
@@ -167,9 +170,9 @@ class Factor(ABC):
         return x
 
     def substitution_bound(self) -> float:
-        """Return a bound on the relative error of every entry of a solution that is known before the solve.
+        """Return a bound, known before the solve, on the relative error of every entry of an unrefined solution.
 
-        The result is infinite for methods without such a bound, the default.
+        The bound holds for nonnegative right-hand sides; it is infinite for methods without such a bound, the default.
         """
         return np.inf
 
@@ -259,14 +262,17 @@ class DirectFactor(Factor):
         )
 
     def substitution_bound(self) -> float:
-        """Return a bound on the relative error of entries after a substitution; infinite if factors may underflow."""
+        """Return a bound on the relative error of entries after a substitution; infinite if factors may underflow.
+
+        The bound holds for nonnegative right-hand sides.
+        """
         values = self.factors.values
         least = values.min(initial=1.0, where=values > 0.0)
         return _ROUNDINGS * self.laplacian.size if least > _LEAST_ENTRY else np.inf
 
 
 def factor_direct(laplacian: Laplacian, order: Symbolic | None = None) -> DirectFactor:
-    """Return the direct factorization of a matrix.
+    """Return the direct factorization of a matrix; raise AccuracyError if a pivot leaves the range of doubles.
 
     `order`: elimination order and structure of the factors; None to compute them for this matrix.
     """

@@ -88,12 +88,13 @@ inaccurate.
 def solve_by_levels(
     nominal: Laplacian, hierarchy: Hierarchy, start: Floats, chips: Chips, rtol: float
 ) -> Iterator[Floats | None]:
-    """Yield the solution (n,) of every chip in volts, None where the iteration stagnates.
+    """Yield the solution (n,) of every chip in volts, None where the iteration stagnates above rounding error.
 
     A chip differs from the nominal chip in the values of its resistors. Its finest level is computed, its coarse levels
     are those of the nominal chip. `nominal, hierarchy`: matrix of the nominal chip, and its levels; `start` (n,):
     solution of the nominal chip in volts, the initial guess; `chips`: for every chip a pair of its matrix and its
-    currents (n,) in amperes; `rtol`: residual norm relative to the norm of the currents at which an iteration ends.
+    currents (n,) in amperes; `rtol`: residual norm relative to the norm of the currents at which an iteration ends. In
+    the latter norm, a row whose diagonal exceeds the largest nominal one has a smaller weight.
     """
     grid, listed, ordinary = nominal.grid, nominal.listed, hierarchy.largest_degree / hierarchy.unit
     assert hierarchy.grid is not None and grid is not None and listed is not None
@@ -124,7 +125,8 @@ def solver_by_levels(laplacian: Laplacian, drive: Floats) -> ChipSolver | None:
     """Return a function of chips and a tolerance that yields solutions, with the coarse levels of the nominal grid.
 
     The result is None unless the grid's cells can be coloured red and black. The function takes pairs of a matrix and
-    its currents (n,), one per chip, and yields the solution (n,) of every chip in volts, None where it is inaccurate.
+    its currents (n,), one per chip, and a residual norm relative to that of the currents. It yields the solution (n,)
+    of every chip in volts, None where it is inaccurate.
 
     `laplacian`: matrix of the nominal chip; `drive` (n,): its currents in amperes.
     """
@@ -138,8 +140,8 @@ def solve_in_order(order: Symbolic, chips: Chips, rtol: float) -> Iterator[Float
     """Yield the solution (n,) of every chip in volts, by elimination in a common order; None where it is not accurate.
 
     `order`: elimination order and structure of the factors; `chips`: for every chip a pair of its matrix and its
-    currents (n,) in amperes; `rtol`: largest error of a voltage, relative to the chip's largest magnitude
-    of a voltage.
+    currents (n,) in amperes; `rtol`: largest error of a voltage, relative to the chip's largest magnitude of a voltage;
+    a value below 1e-9 counts as 1e-9.
     """
     for chip, drive in chips:
         try:
@@ -158,8 +160,8 @@ def solve_in_order(order: Symbolic, chips: Chips, rtol: float) -> Iterator[Float
 class WarmGrid:
     """The equations ``A x = b`` of a grid that change, and their latest solution.
 
-    The position of a cell is its index in a flattened array (2, slots), whose row 0 holds red and row 1 black cells,
-    each with padding.
+    Two rails are at 0 V (goals) and 1 V; a single rail is at 0 V. The position of a cell is its index in a flattened
+    array (2, slots), whose row 0 holds red and row 1 black cells, each with padding.
 
     `hierarchy`: multigrid levels of a grid of two colours, all of whose rows are cells; `finest`: finest level of the
     hierarchy, into which changes are written; `lattice`: memory layout of the finest level; `slot`, of the grid's
@@ -234,10 +236,10 @@ class WarmGrid:
         """Replace the equations of a box of cells, and update the solution there.
 
         `box`: slices of the cells in the grid; `core`: slices, relative to the box, of the cells without neighbours
-        outside the box; only their equations are replaced. `laplacian`: matrix on the grid of the box, its rows in
-        C order; `drive` (n,): current into every row of this matrix, in amperes; `solve`: whether to solve the new
-        equations (otherwise only cells with the value 0 are updated, by one Jacobi step); `follow`: whether to correct
-        the solution outside the box too.
+        outside the box; only their equations are replaced. `laplacian`: matrix on the grid of the box, its rows in C
+        order; `drive` (n,): current into every row of this matrix, in amperes; `solve`: whether to solve the new
+        equations (otherwise only new cells, whose value is still 0, are updated, by one Jacobi step); `follow`: whether
+        to correct the solution outside the box too.
         """
         assert laplacian.grid is not None
         vertex, x = laplacian.grid.vertex, self.x.ravel()
@@ -293,11 +295,13 @@ class WarmGrid:
         self._aggregate(to, fresh[1].black_inverse[of] > 0.0)
 
     def _aggregate(self, slot: Indices, present: NDArray[np.bool_]) -> None:
-        """Assign new black cells to the aggregate (coarse node) of a black cell behind their strongest red neighbour.
+        """Assign every new black cell to the aggregate (coarse node) of a black cell that is two steps away.
 
-        A cell is new if it has an equation and no aggregate yet. `slot` (m,): indices of some black cells in arrays
-        over the black cells of the finest level, from 0; `present` (m,): whether each has an equation; cells without
-        an equation get the number 0, which stands for no aggregate.
+        The two steps lead through a red cell. Of all such paths to a cell with an aggregate, the one is taken whose
+        weaker conductance is largest; without such a path the new cell stays without an aggregate. A cell is new if it
+        has an equation and no aggregate yet. `slot` (m,): indices of some black cells in arrays over the black cells of
+        the finest level, from 0; `present` (m,): whether each has an equation; cells without an equation get the number
+        0, which stands for no aggregate.
         """
         target, faces, distance = self.finest.aggregate, self.finest.true.faces, self.lattice.distance
         target[slot[~present]] = 0

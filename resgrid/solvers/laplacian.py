@@ -35,8 +35,8 @@ class EdgeList(NamedTuple):
     """List of edges between vertices: edge ``k`` joins the rows ``row[ends[k]]`` of the matrix.
 
     `ends` (m, 2): vertices at both ends of every edge; `conductance` (m,): in siemens; `row` (vertices,): row of every
-    vertex, -1 where the voltage is known. Edges within a row, or with an end at a known voltage, are not entries of the
-    matrix.
+    vertex, -1 where the voltage is known. Edges with both ends in one row, or with an end at a known voltage, are not
+    entries of the matrix.
     """
 
     ends: Indices
@@ -120,9 +120,9 @@ class Grid:
         return sum(cells > 2 for cells in self.vertex.shape)
 
     def of_rows(self, row: Indices) -> Grid:
-        """Return the grid with rows instead of vertices.
+        """Return the grid with rows instead of vertices in `vertex`, -1 in cells without a row.
 
-        `row` (vertices,): row of every vertex, -1 if voltage known.
+        `row` (vertices,): row of every vertex, -1 where the voltage is known.
         """
         return Grid(np.append(row, np.int32(-1))[self.vertex], self.periodic)
 
@@ -134,7 +134,7 @@ class Rails:
     `high, low`: voltages of the rails, in volts; obstacles (or the driven start cell) are at `high`, goals at `low`;
     `size`: number of rows of the matrix; `row, conductance, at_high` (ties,): the row of each tie, its conductance in
     siemens, and whether it leads to the high rail. A row may have several ties; `leak`: conductance of the tie to the
-    high rail that every row has, in siemens, 0 if some rows have none.
+    high rail that every row has, in siemens, 0 if some rows have none. These ties are among the listed ones.
     """
 
     high: float
@@ -147,7 +147,7 @@ class Rails:
 
     @property
     def to_high(self) -> Floats:
-        """Conductance from every row to the high rail, in siemens, shape (n,); a new array."""
+        """Conductance from every row to the high rail, `leak` included, in siemens, shape (n,); a new array."""
         return self._summed(self.at_high)
 
     @property
@@ -166,8 +166,8 @@ class ConductanceStatistics:
 
     `entries`: number of off-diagonal entries, twice the number of conductances; `weak`: fraction of conductances that
     are below `WEAK` times the strongest one at either end; `mean`: mean conductance in siemens, 0 without conductances;
-    `decades`: decimal logarithm of the ratio of the largest to the smallest conductance; `smallest, largest`: range of
-    all conductances, including those to rails, in siemens.
+    `decades`: decimal logarithm of the ratio of the largest to the smallest conductance between rows, 0 without
+    conductances; `smallest, largest`: range of all conductances, those to nodes of known voltage included, in siemens.
     """
 
     entries: int
@@ -269,16 +269,19 @@ class Laplacian:
         return sparse.csr_array(sparse.vstack([incidence, ties])), np.append(value, self.ground[tied])
 
     def within(self, rows: NDArray[np.bool_]) -> Laplacian:
-        """Return the matrix of the rows in the mask `rows` (n,); the other rows count as nodes of known voltage."""
+        """Return the matrix of the rows in the mask `rows` (n,); the other rows count as nodes of known voltage.
+
+        The result has compressed rows, but no grid and no rails.
+        """
         from scipy import sparse
 
         return self.grouped(sparse.csr_array(sparse.eye_array(self.size, format="csr")[rows]))
 
     def grouped(self, groups: sparse.csr_array) -> Laplacian:
-        """Return the matrix after groups of rows are merged into one row each.
+        """Return the matrix after groups of rows are merged into one row each, without grid and rails.
 
-        `groups` (m, n): entry 1 for every row of each of the m groups. Rows outside all groups count as nodes of known
-        voltage.
+        `groups` (m, n): entry 1 for every row of each of the m groups; groups are disjoint. Rows outside all groups
+        count as nodes of known voltage.
         """
         from scipy import sparse
 

@@ -142,8 +142,8 @@ def restore_subnormals(before: np.uint32) -> None:
 _LEFT, _DONE, KIND, LEVEL, VISIT, _OVER = 0, 8, 16, 17, 18, 24
 """Indices into the int64 array that threads share: unclaimed slabs, finished slabs, kind, level and visit, end flag.
 
-A job is one sweep over a multigrid level: `KIND` of the sweep, index of the `LEVEL`, and `VISIT`, the number of times
-that the cycle has returned to this level from the next one.
+A job is one sweep over a multigrid level: `KIND` of the sweep (a constant of `multigrid.sweeps`), index of the `LEVEL`,
+and `VISIT`, the number of times that the cycle has returned to this level from the next one.
 """
 
 PLACES = 32
@@ -193,7 +193,7 @@ _offer_core: Any = intrinsic(_yielding)
 
 @inner
 def announce(state: Integers, kind: int, level: int, visit: int, parts: int) -> None:
-    """Publish a job to the helper threads: a sweep over a multigrid level in ``parts`` slabs, one per call of a thread.
+    """Publish a job to the helper threads: a sweep over a multigrid level in ``parts`` slabs, claimed one at a time.
 
     The previous job must be finished.  `state` (PLACES,): array that the threads share; `kind, level, visit`: kind of
     the sweep, index of its level, and number of times that the cycle has returned to this level from the next one.

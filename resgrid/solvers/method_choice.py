@@ -218,7 +218,7 @@ def choose_method(laplacian: Laplacian, method: str = "auto", accuracy: str = "d
     """Return the method with the lowest estimated cost, or the given one, with statistics and ordering.
 
     `laplacian`: the matrix; `method`: "auto", "direct" or "multigrid"; `accuracy`: "direction" for a small relative
-    error of every entry, or "normwise".
+    error of every entry, or "normwise" for a small backward error only.
 
     The direct method is chosen for small or narrow matrices, and if conductances vary so strongly from node to node
     that no coarse grid represents them. Between two rails it is also chosen if the potential falls too far: multigrid
@@ -245,10 +245,11 @@ def choose_method(laplacian: Laplacian, method: str = "auto", accuracy: str = "d
 class Corridors(NamedTuple):
     """Quantities that determine the costs of a matrix.
 
-    `width`: width of corridors, in cells, estimated from the number of neighbours that nodes lack in comparison with an
-    open grid; infinite if they lack none; `along`: estimated seconds of a direct solution if rows are eliminated in the
-    order of their distance from the ground (the known voltages), farthest first; `contrast`: factor on the time of
-    multigrid for planes whose conductances span many orders of magnitude, 1 for other matrices.
+    A corridor is a strip of nodes between obstacles or borders of the grid. `width`: mean width of corridors, in cells,
+    estimated from the number of neighbours that nodes lack in comparison with an open grid; infinite if they lack none;
+    `along`: estimated seconds of a direct solution if rows are eliminated in the order of their distance from the
+    ground (the known voltages), farthest first; `contrast`: factor on the time of multigrid for planes whose
+    conductances span many orders of magnitude, 1 for other matrices.
     """
 
     width: float
@@ -257,7 +258,10 @@ class Corridors(NamedTuple):
 
 
 def _corridors_of(laplacian: Laplacian, statistics: ConductanceStatistics) -> Corridors:
-    """Return the quantities that determine the costs of a matrix, estimated from statistics of conductances alone."""
+    """Return the width of corridors, the seconds of elimination along them, and the effect of unequal conductances.
+
+    These quantities are estimated from the statistics of the conductances and the dimensions of the grid alone.
+    """
     n, dimensions = laplacian.size, laplacian.dimensions
     volume, missing = dimensions > 2, 2.0 * dimensions - statistics.entries / n
     width = 2.0 * (dimensions - 1) / missing if missing > 0.0 else np.inf
@@ -270,8 +274,9 @@ def _corridors_of(laplacian: Laplacian, statistics: ConductanceStatistics) -> Co
 def _faster_for_directions(iterative: MethodChoice, corridors: Corridors) -> MethodChoice | None:
     """Return the faster method for the accuracy "direction"; None if the potential falls too far for multigrid.
 
-    `iterative`: the choice of multigrid; `corridors`: quantities that determine the costs. The fall of the potential is
-    estimated unless elimination by distance from the ground, farthest rows first, is faster even for the smallest fall.
+    After None the caller uses the direct method. `iterative`: the choice of multigrid; `corridors`: quantities that
+    determine the costs. The fall of the potential is estimated unless elimination by distance from the ground, farthest
+    rows first, is faster even for the smallest fall.
     """
     from resgrid.solvers.decay_estimate import estimate_decades
 

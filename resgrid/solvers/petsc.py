@@ -166,6 +166,8 @@ def run_ranks(petsc: Petsc, folder: Path, ranks: int | None) -> Report:
         If PETSc refuses an option of ``PETSC_OPTIONS``, or the launcher belongs to another MPI than PETSc.
     AccuracyError
         If a rank fails or dies; the other ranks are ended.
+    ToolMissingError
+        If the launcher cannot be started.
     """
     log, program = folder / "log", [str(_WORKER), str(folder)]
     if petsc.launcher is not None:  # other computers may have the folder, but not this installation

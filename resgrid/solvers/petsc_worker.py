@@ -1,10 +1,12 @@
 """Program of PETSc's ranks: each rank reads its rows of a Laplacian from mapped files; does not import resgrid.
 
-``mpiexec -n N python3 petsc_worker.py FOLDER [shared]`` reads ``system.json``, ``ahead_0.npy`` ... (conductance from
-every cell to the next one along axis 0 ...), ``ground.npy`` (conductance to nodes of known potential) and ``drive.npy``
-(currents in amperes), and writes ``answer.npy`` (voltages) and ``report.json``. Cells are numbered in C order; a cell
-without any conductance is not solved for. The program needs numpy and petsc4py only, and runs in the Python that has
-them. All ranks need access to FOLDER; their number is the size of PETSc's communicator.
+``mpiexec -n N python3 petsc_worker.py FOLDER [shared]`` reads ``system.json`` (shape of the grid, and ``rtol``, the
+relative residual norm), ``ahead_0.npy`` ... (conductance in siemens from every cell to the next one along axis 0 ...),
+``ground.npy`` (conductance to nodes of known voltage) and ``drive.npy`` (currents in amperes). It fills the existing
+``answer.npy`` (volts), and writes ``report.json``. The next cell of the last one is the first, with the conductance 0
+unless the axis is periodic. Cells are numbered in C order; a cell without any conductance is not solved for. The
+program needs numpy and petsc4py only, and runs in the Python that has them. All ranks need access to FOLDER; their
+number is the size of PETSc's communicator.
 """
 
 from __future__ import annotations

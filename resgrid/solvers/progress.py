@@ -27,7 +27,8 @@ class ProgressMonitor:
     Parameters
     ----------
     progress : Progress, optional
-        Function that is called after every iteration.
+        Function that is called after every iteration, with the number of iterations, the residual norm relative to its
+        start value, and the estimated seconds to the end; None by default.
 
     Attributes
     ----------
@@ -51,7 +52,10 @@ class ProgressMonitor:
         self._pass = threading.local()
 
     def begin(self, residual: float, goal: float) -> None:
-        """Start a sequence of iterations; `residual`: residual norm at the start; `goal`: norm at which it ends."""
+        """Start a sequence of iterations; `residual`: residual norm at the start; `goal`: norm at which it ends.
+
+        Both are in one unit, which the calls of `step` keep.
+        """
         here = self._pass
         here.start, here.goal, here.since = residual, goal, time.perf_counter()
 

@@ -69,7 +69,7 @@ _PROVED = 1e-6
 """Bound on the relative error of entries up to which a solution is accepted, whatever its backward error."""
 
 _DIFFERENCE = 4.0
-"""Ratio between two limits of rounding error: that on relative differences of refined values, and that on residuals.
+"""Relative difference up to which two refined values are equal except for rounding, divided by a limit on residuals.
 
 The limit on residuals is the parameter ``floor`` of `refine`, the residual of a row relative to ``(b + |A| |x|)_i``.
 """
@@ -86,7 +86,10 @@ the matrix: along a slit, all voltages beyond depend on the ones before.
 """
 
 _MOST, _MOST_OF_PLANE, _ONE_IN = 20_000, 100_000, 10
-"""Largest number of rows that are solved directly: in general, on a two-dimensional grid, and 1/N of all rows."""
+"""Largest number of rows that are solved directly: in general, on a two-dimensional grid, and N.
+
+At most 1/N of all rows are solved directly; the smaller limit applies.
+"""
 
 Approximation = Callable[[Floats, Integers, float], Numbers]
 """Function of mantissas (n,), exponents (n,) and a relative error: returns ``A^-1`` times the right-hand side.
@@ -163,12 +166,13 @@ def refine(
 ) -> Refined:
     """Return the solution for a nonnegative right-hand side `rhs` (n,), with a small relative error of every entry.
 
-    `rhs` is in amperes. `approximate`: function from mantissas (n,), exponents (n,) and a relative accuracy to an
-    approximate solution of the matrix `laplacian` as mantissas and exponents; `floor`: residual of a row, relative to
-    ``(b + |A| |x|)_i``, that counts as rounding error of the row's sum of currents; `exact`: whether to compute
-    residuals in double-double, so that the solution is the nearest double (also done if the currents of a row's
-    resistors are at most 1e-14 of ``(b + |A| |x|)_i``); `first_bound`: bound on the relative error of entries of the
-    first approximation. A larger correction is discarded and ends the refinement, since it is rounding error: the
+    The most accurate solution is returned even if it misses the goal; the caller checks its errors (`is_answer`). `rhs`
+    is in amperes. `approximate`: function from mantissas (n,), exponents (n,) and a relative accuracy to an approximate
+    solution of the matrix `laplacian` as mantissas and exponents; `floor`: residual of a row, relative to ``(b + |A|
+    |x|)_i``, that counts as rounding error of the row's sum of currents; `exact`: whether to compute residuals in
+    double-double, so that the solution is the nearest double (also done if the currents of a row's resistors are at
+    most 1e-14 of ``(b + |A| |x|)_i``); `first_bound`: bound on the relative error of entries of the first
+    approximation. A larger correction is discarded and ends the refinement, since it is rounding error: the
     conductances span more orders of magnitude than double-doubles; `resolve`: whether to solve a few rows without
     correct digits directly; `threads`: share the computation of residuals.
     """
@@ -284,7 +288,7 @@ def quotient(parts: list[Scaled], x: Scaled) -> float:
 
 
 def resolve_rows(laplacian: Laplacian, residual: Floats, x: Scaled, current: Numbers) -> Scaled | None:
-    """Return the voltages after a direct solution of the rows that are not converged; None for too many rows.
+    """Return the voltages after a direct solution of the rows that are not converged; None for no or too many rows.
 
     The neighbourhood of these rows is solved too; all other voltages are held fixed. The right-hand side of the solved
     rows is their residual of KCL when their own voltages are set to 0.

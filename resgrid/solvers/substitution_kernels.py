@@ -47,7 +47,7 @@ def substitute(tree: Tree, fronts: Fronts, m: Floats, e: Integers) -> None:
 
 @kernel
 def substitute_plainly(tree: Tree, fronts: Fronts, x: Floats) -> float:
-    """Solve ``A x = b`` in place, in doubles, and return the smallest value in a cell with an equation.
+    """Solve ``A x = b`` in place, in doubles; return the smallest value in a cell with an equation, infinite if none.
 
     `x` (cells,): ``b``, then ``x``, in the order of elimination; ``b`` is nonnegative, and 0 in cells without an
     equation.

@@ -57,7 +57,7 @@ class SupernodalFactors(NamedTuple):
         return x.take(by.place), exponent.take(by.place)
 
     def solve(self, rhs: Floats) -> Floats:
-        """Return ``x`` (n,) of ``A x = rhs`` as doubles; every entry is accurate if ``rhs`` (n,) is nonnegative."""
+        """Return ``x`` (n,), in volts, of ``A x = rhs``; every entry is accurate if ``rhs`` (n,) is nonnegative."""
         m, e = self.substitute(rhs, np.zeros(len(rhs), dtype=np.int64))
         return unscaled(m, e)
 

@@ -116,7 +116,7 @@ def order_rows(laplacian: Laplacian) -> Symbolic:
     Raises
     ------
     BudgetError
-        If the factors have more rows than 32-bit indices can number.
+        If the lists of rows of all supernodes have more entries than 32-bit indices can number.
     """
     symbolic = order_by_distance(laplacian) or order_by_fill(laplacian)
     if symbolic is None:
@@ -140,8 +140,8 @@ def order_by_distance(laplacian: Laplacian) -> Symbolic | None:
 def order_by_fill(laplacian: Laplacian, most: float = np.inf) -> Symbolic | None:
     """Return the order of the rows by approximate minimum fill.
 
-    `most`: maximum number of entries of the factors. Returns None if the factors would have more entries, or more rows
-    than 32-bit indices can number.
+    `most`: maximum number of entries of the factors. Returns None if the factors would have more entries, or if the
+    lists of rows of all supernodes would have more than 32-bit indices can number.
     """
     return _order(laplacian, float(most), by_fill=True)
 

@@ -23,7 +23,7 @@ class ThreadTeam:
     Parameters
     ----------
     size : int, optional
-        Number of threads, including the caller.
+        Number of threads, including the caller; 1 by default.
     """
 
     def __init__(self, size: int = 1) -> None:
@@ -42,7 +42,8 @@ class ThreadTeam:
     def run_parts(self, part: Callable[[int], object], parts: int) -> None:
         """Call ``part(0)`` to ``part(parts - 1)`` once each, in any order, and wait for all calls to end.
 
-        An exception in a call cancels the calls that have not begun, and is raised again.
+        An exception in the calling thread cancels the calls that have not begun. One in a helper thread is raised after
+        the other threads have made the remaining calls.
         """
         if self._pool is None or parts < 2:
             for number in range(parts):
@@ -80,7 +81,7 @@ class ThreadTeam:
     def over(self, count: int, function: Callable[[slice], Result]) -> list[Result]:
         """Call `function` for slices of ``range(count)``, and return the list of its results in the order of slices.
 
-        The slices do not depend on the number of threads.
+        A slice has 131,072 entries, the last one at most; slices do not depend on the number of threads.
         """
         pieces = [slice(k, min(k + _PIECE, count)) for k in range(0, count, _PIECE)]
         return self.together([partial(function, piece) for piece in pieces])

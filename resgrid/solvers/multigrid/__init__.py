@@ -17,11 +17,11 @@
    resistance in series with the conductance between them (plain aggregation underestimates long resistances: Braess
    1995).
 3. *Graphs* (`graph_coarsening.grow_aggregates, aggregate_graph`). Netlists from the first level on, and grids that are
-   too disconnected, have aggregates grown node by node along the strongest conductances. A netlist with random
-   numbers is renumbered first (`ordering_kernels.renumber`; Cuthill & McKee 1969). Rows are stored by colour and length
-   (`graph_coarsening.order_by_colour, lay_rows`); the matrix of the coarsest level is inverted (`inverse_matrix`). The
-   matrix product after a backward sweep is computed from the changes of the sweep (`graph_sweeps.ascend_graph`;
-   Eisenstat 1981).
+   too disconnected, have aggregates grown node by node along the strongest conductances. A netlist whose nodes are
+   numbered at random is renumbered first (`ordering_kernels.renumber`; Cuthill & McKee 1969). Rows are stored by colour
+   and length (`graph_coarsening.order_by_colour, lay_rows`); the matrix of the coarsest level is inverted
+   (`inverse_matrix`). The matrix product after a backward sweep is computed from the changes of the sweep
+   (`graph_sweeps.ascend_graph`; Eisenstat 1981).
 4. *Iterations* (`conjugate_gradients.converge`, `krylov.advance`). Flexible conjugate gradients (Notay 2000) for the
    black cells of a grid, ``S = D_b - G^T D_r^-1 G``, or all rows of a netlist. Vectors are in single precision. After a
    burst of iterations that gain at most five digits the residual is replaced by the true one, in double precision

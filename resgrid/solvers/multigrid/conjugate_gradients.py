@@ -39,8 +39,8 @@ the last search direction.
 _BURST = 1e-5
 """Ratio of the residual norm to the largest one within a burst at which the burst ends.
 
-A burst consists of the iterations between two computations of the true residual. Vectors in single precision gain no
-more.
+A burst consists of the iterations between two computations of the true residual. Vectors in single precision are too
+inaccurate for a larger reduction.
 """
 
 _SMOOTH = 0.1
@@ -95,9 +95,10 @@ def iterate(
 ) -> tuple[NDArray[np.float64], float]:
     """Return the solution (n,) in volts, and its residual norm in amperes.
 
-    The iteration ends at the residual norm ``rtol |b|`` or at the limit of rounding. With a guess it also ends if
-    the estimated error of every voltage is at most ``rtol`` times the largest magnitude of a voltage of the guess
-    (after Hestenes & Stiefel 1952; Strakos & Tichy 2002).
+    The iteration ends at the residual norm ``rtol |b|``, at the limit of rounding, or above both if it stagnates or
+    after `MOST_ITERATIONS`; the caller checks the returned norm. With a guess it also ends if the estimated error of
+    every voltage is at most ``rtol`` times the largest magnitude of a voltage of the guess (after Hestenes & Stiefel
+    1952; Strakos & Tichy 2002).
 
     `hierarchy`: multigrid levels of the matrix `laplacian`; `b` (n,): right-hand side in amperes; `rtol`: relative
     residual norm; `guess` (n,): initial solution in volts, None for 0; `watch`: records iterations, and can cancel
@@ -217,6 +218,8 @@ class StoppingRule:
 
 def converge(problem: MultigridProblem, stop: StoppingRule, watch: ProgressMonitor | None) -> float:
     """Improve ``problem.x`` until a stopping rule is met or the residual stagnates; return the final residual norm.
+
+    A residual stagnates if a burst of iterations gains less than a factor of 2; `MOST_ITERATIONS` are made at most.
 
     The norm is in amperes divided by ``stop.unit``. `problem`: equations, solution and preconditioner; `stop`: stopping
     rule; `watch`: records iterations, and can cancel them; None for neither.

@@ -36,7 +36,7 @@ from resgrid.solvers.scaled import Floats, Singles
 from resgrid.solvers.threads import SINGLE_THREAD, ThreadTeam
 
 _WHOLE = 32
-"""Multiple of cells, along every axis, at which the range of cells that the finest level covers begins.
+"""The range of cells that the finest level covers begins, along every axis, at a multiple of this number of cells.
 
 The blocks of coarse levels then do not depend on the width of a border without unknowns.
 """
@@ -337,8 +337,9 @@ class GraphProblem:
     """The equations of a netlist's rows, divided by ``hierarchy.unit``, in the order of the finest level.
 
     `laplacian, hierarchy`: the matrix and its multigrid levels; `b` (n,): right-hand side in amperes, in the order of
-    rows; `threads`: share the work on the vectors; `x` (1, n): the solution in volts, which is updated; `vectors`:
-    vectors of conjugate gradients; `relaxes`: False, since no relaxation follows the last iteration.
+    rows; `threads`: share the work on the vectors; `x` (1, n): the solution in volts, in the order of the finest level,
+    0 at the start, updated; `vectors`: vectors of conjugate gradients, in that order; `relaxes`: False, since no
+    relaxation follows the last iteration.
     """
 
     relaxes = False
@@ -350,7 +351,10 @@ class GraphProblem:
         self._slot, self._unit, self._work = hierarchy.slot, hierarchy.unit, work_space(self._graphs)
 
     def residual(self, r: Floats) -> float:
-        """Write the residual ``b - A x``, in amperes divided by ``hierarchy.unit``, to ``r`` (n,); return its norm."""
+        """Write the residual ``b - A x``, in amperes divided by ``hierarchy.unit``, to ``r`` (n,); return its norm.
+
+        ``r`` is in the order of the finest level.
+        """
         if self.x.any():
             row_residual(self._matrix, self._slot, self._b, self.x[0, self._slot], r)
             r *= 1.0 / self._unit

@@ -103,8 +103,9 @@ def add_steps(z: Singles, on_x: Floats, on_p: Floats, p: Floats, unit: float, x:
 def largest_step(z: Singles, on_p: Floats, p: Floats) -> float:
     """Return the largest magnitude of an entry of the newest search direction ``on_p[-1] p + sum_j on_p[j] z[j]``.
 
-    `z` (steps, n): preconditioned residuals of the last iterations; `on_p` (depth + 1,), where depth is the largest
-    number of steps: coefficients; `p` (n,): search direction before these iterations.
+    All vectors and the result are divided by the residual norm at the begin of the burst of iterations. `z` (steps, n):
+    preconditioned residuals of the last iterations; `on_p` (depth + 1,), where depth is the largest number of steps:
+    coefficients; `p` (n,): search direction before these iterations.
     """
     ahead = on_p[-1] * p
     for coefficient, vector in zip(on_p.tolist(), z, strict=False):

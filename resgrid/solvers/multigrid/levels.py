@@ -27,7 +27,7 @@ _LEAST = 60_000
 _THICK = 4
 """Smallest thickness of a slab, in multiples of the lead of red over black cells in a wavefront sweep.
 
-Neighbouring slabs compute the lead twice.
+Both slabs at a border compute the red cells of the lead.
 """
 
 GRID = np.dtype([
@@ -245,7 +245,7 @@ def scale(inverse: Singles, x: Reals, first: int, begin: int, count: int, value:
 def slabs_of(stencil: Stencil, most: int) -> list[Slab]:
     """Return the slabs of a grid, at most `most`; a grid with less than 60,000 array entries per colour is one slab.
 
-    No slab is thinner than twice the part that its neighbours compute too. The cells that a slab restricts to the next
+    No slab is thinner than `_THICK` times the lead of red over black cells. The cells that a slab restricts to the next
     level begin at an even index along the first axis, as the blocks of the next level do. Therefore no node of that
     level gets values from two slabs.
     """

@@ -111,9 +111,9 @@ def _add_rhs(
 def _add_to_nodes(aggregate: Indices, begin: int, count: int, total: Singles, skipped: int, coarse: Singles) -> None:
     """Restrict: add ``total[skipped:skipped + count]`` to ``coarse``, at nodes of ``count`` cells from ``begin`` on.
 
-    `aggregate` (slots,): index in ``coarse`` of the node of every black cell; `begin`: index of the first cell in
-    arrays over the black cells; `total` (block,): residuals of the cells of a block; `coarse`: right-hand side of the
-    next level, with red nodes before black ones if that level is a grid.
+    `aggregate` (slots,): index in ``coarse`` of the node of every black cell, 0 for none; `begin`: index of the first
+    cell in arrays over the black cells; `total` (block,): residuals of the cells of a block; `coarse`: right-hand side
+    of the next level, with red nodes before black ones if that level is a grid; its entry 0 belongs to no node.
     """
     at, t_at = np.uint64(begin), np.uint64(skipped)
     for i in range(count):
@@ -251,8 +251,9 @@ def update_slots(level: Row, kind: int, slab: Slab) -> None:
 def _add_from_nodes(aggregate: Indices, begin: int, count: int, coarse: Singles, total: Singles) -> None:
     """Prolong: add to ``total``, on ``count`` entries from ``begin`` on, the values of the cells' coarse nodes.
 
-    `aggregate` (slots,): index in ``coarse`` of the node of every black cell; `coarse`: solution on the next level,
-    with red nodes before black ones if that level is a grid; `total` (slots,): values of black cells.
+    `aggregate` (slots,): index in ``coarse`` of the node of every black cell, 0 for none; `coarse`: solution on the
+    next level, with red nodes before black ones if that level is a grid; its entry 0 is 0; `total` (slots,): values of
+    black cells.
     """
     at = np.uint64(begin)
     for i in range(count):
