@@ -28,7 +28,7 @@ from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError
 
 _MOST_CELLS = 400
-"""Maximum number of cells on the paths for which sensitivities are computed; further cells are left out."""
+"""Maximum number of cells that `ADCResolution.cells_passed` returns; later cells on the paths are left out."""
 
 _SMALL = 1e-4
 """Current of a nonlinear resistor, as a fraction of its saturation current, below which the resistor counts as linear.
@@ -60,7 +60,7 @@ class Steps:
         """Return the flat index of the lowest neighbour of every cell, and the natural log of the voltage step to it.
 
         Both arrays have shape (cells,); the step is in volts.  For a cell without a lower neighbour they contain -1 and
-        minus infinity.  Among equal neighbours the first is returned.
+        minus infinity.  Among equal neighbours the one with the first entry is returned.
         """
         size = self.cells.space.cell.size
         down = np.where(self.sign > 0, self.log_volts, -np.inf)
@@ -245,7 +245,7 @@ class ADCResolution(Result):
         Returns
         -------
         ndarray of int64, shape (k, axes)
-            Indices of the cells, at most 400, without goal cells, in the order in which the paths pass them.
+            Indices of the first 400 cells at most, without goal cells, in the order in which the paths pass them.
 
         Raises
         ------
