@@ -25,9 +25,9 @@ _SMALL = 1000
 """Number of rows (unknown voltages) up to which every chip is factored; larger grids are solved by multigrid."""
 
 _MOST_CONTRAST = 1e3
-"""Largest ratio of the largest diagonal entry of the nominal matrix to its smallest nonzero magnitude, for multigrid.
+"""Largest ratio of the largest diagonal entry of the nominal matrix to the smallest magnitude of its nonzero entries.
 
-Up to this ratio, chips share the coarse multigrid levels of the nominal chip.  Beyond it, every chip is factored.
+Up to this ratio, large grids share the coarse multigrid levels of the nominal chip.  Beyond it, every chip is factored.
 """
 
 

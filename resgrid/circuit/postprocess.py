@@ -112,8 +112,8 @@ def _drop_and_height(
 ) -> tuple[Scaled, Scaled | None]:
     """Return drops (n,) from the high rail, and voltages (n,) above the low rail, over the voltage between the rails.
 
-    The voltages are None if ``1 - drop`` is accurate.  Both systems are solved at one time if a bound shows that both
-    are needed: ``rails.to_low * voltage`` is at most the sum of ``rails.to_high`` (conductances to the rails).
+    The voltages ``h`` are None if ``1 - drop`` is accurate.  With several threads both systems are solved together if
+    some ``h`` must be small: ``to_low h <= sum(to_high)`` for the conductances from each row to the rails.
     """
     currents = [rails.to_low]
     if team.size > 1 and (to_high := rails.to_high).sum() < _LEAST_COMPLEMENT * currents[0].max(initial=0.0):
@@ -296,7 +296,7 @@ def differences(
 ) -> tuple[NDArray[np.float64], NDArray[np.int64], float, NDArray[np.int64]]:
     """Return branch currents, exponents, the power in watts, and the indices of the currents with few correct digits.
 
-    The currents are ``amps * 2**(256 exponent)`` A, (resistors,); the exponents are all 0 if doubles are sufficient.
+    Currents ``amps * 2**(256 exponent)`` A, (resistors,), flow from first to second node; exponents are 0 if possible.
     """
     from resgrid.circuit.kernels import currents
 
@@ -320,7 +320,7 @@ def differences(
 def with_tiny_currents(
     amps: NDArray[np.float64], floor: float, tiny: NDArray[np.float64], exponent: NDArray[np.int64]
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return currents as mantissas and exponents (resistors,): `amps`, but `tiny` where `amps` was set to 0."""
+    """Return mantissas and exponents of currents: `amps` and 0, or `tiny` and `exponent` below ``floor max|amps|``."""
     lost = (amps == 0.0) & (np.abs(tiny * power(exponent)) <= _floor_of(amps, floor))
     return np.where(lost, tiny, amps), np.where(lost, exponent, 0)
 
@@ -373,8 +373,8 @@ def _log_drop_and_potential(
 def _potential(system: Equations, height: NDArray[np.float64]) -> NDArray[np.float64] | None:
     """Return potentials (nodes,), 0 at the low or only rail and 1 at the other rail or at the highest node.
 
-    None if the only rail feeds current, or currents have both signs.  `height` (nodes,): voltages above the low rail
-    in units of the voltage between the rails (with one rail: in any unit), overwritten.
+    None unless two rails, or one rail and injected currents of one sign, drive the rows.  `height` (nodes,): voltages
+    above the low rail in units of the voltage between the rails (with one rail: in any unit), overwritten.
     """
     solved = system.unknown >= 0
     if system.rails is not None:

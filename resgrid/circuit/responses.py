@@ -46,9 +46,9 @@ _NO_EXPONENT = -(2**62)
 class Response:
     """Voltages and currents that injected currents cause in a circuit without independent sources.
 
-    `voltage` (nodes,): voltages in volts, 0 where the node floats; `resistor` (resistors,): currents of the resistors
-    in amperes; `source` (sources,): currents into the plus terminals of the voltage sources in amperes, NaN in loops of
-    sources; currents are mantissas and exponents of ``2**256``.
+    `voltage` (nodes,): voltages in volts, 0 where the node floats; `resistor` (resistors,): currents from the first to
+    the second node in amperes; `source` (sources,): currents into the plus terminals of the voltage sources in amperes,
+    NaN in loops of sources; currents are mantissas and exponents of ``2**256``.
     """
 
     voltage: Scaled
@@ -163,8 +163,8 @@ class SourceFreeCircuit:
     def _source_currents(self, resistor: Numbers, amps: Numbers) -> Numbers:
         """Return the currents into the plus terminals of the voltage sources in amperes, (sources,).
 
-        `resistor` (resistors,): currents of the resistors; `amps` (nodes,): currents into the nodes; arguments and
-        result are mantissas and exponents of ``2**256``.
+        `resistor` (resistors,): currents from the first to the second node; `amps` (nodes,): currents into the nodes;
+        arguments and result are mantissas and exponents of ``2**256``.
         """
         frame, net, through = node_sums(self.netlist, *resistor)
         total = corrected(Scaled(net, np.zeros_like(net), frame), *_returning(amps))
