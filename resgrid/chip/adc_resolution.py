@@ -354,8 +354,9 @@ def _largest_ahead(
 ) -> NDArray[np.float64]:
     """Return the largest value on the path from every cell to the path's end, shape (cells,), by pointer doubling.
 
-    The result is NaN outside the starts. `bits` (cells,): values, NaN outside the starts; `following` (cells,): flat
-    index of the next cell on the path, -1 at an end; `space`: gives the goal cells, whose values do not count.
+    The result is NaN where `bits` is NaN.  `bits` (cells,): values, NaN except in free cells with a path to a goal;
+    `following` (cells,): flat index of the next cell on the path, -1 at an end; `space`: gives the goal cells, whose
+    values do not count.
     """
     most = np.where(space.cell.ravel() == Cell.GOAL, -np.inf, bits)
     ahead = np.where(following < 0, np.arange(len(bits)), following)

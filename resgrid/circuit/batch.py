@@ -35,7 +35,7 @@ class Batch(NamedTuple):
     """Common set-up of all chips with one circuit.
 
     `system`: equations of the nominal chip, whose sparsity all chips have; `solver`: function that solves the equations
-    of many chips one after the other, with the result None for a chip that differs too much from the nominal one.
+    of many chips one after the other, with the result None for a chip whose solution is not accurate.
     """
 
     system: Equations

@@ -54,10 +54,10 @@ class NodeValues:
     """Voltage difference of every node from the nearer of two rails, or from the only one, in units of `volts`.
 
     `value` (nodes,): 0 where the node floats; `is_drop` (nodes,): whether the value is the drop from the high rail,
-    which lies 1 unit above the low one, and not the voltage above the low rail; `zero`: voltage of the low (or only)
-    rail; `volts`: size of a unit in volts, negative if values grow as voltages fall; `rounding`: relative difference of
-    two voltages above the low rail up to which it is a rounding error (``value.noise`` for drops); `error_bound`: bound
-    on the error of a value relative to the largest value, for source currents of both signs, else 0 (not computed).
+    1 unit above the low one, and not the voltage above the low rail; `zero`: voltage of the low (or only) rail in V;
+    `volts`: size of a unit in volts, negative if values grow as voltages fall; `rounding`: relative difference of two
+    voltages above the low rail up to which it is a rounding error (``value.noise`` for drops); `error_bound`: bound on
+    the error of a value relative to the largest value, for source currents of both signs, else 0 (not computed).
     """
 
     value: Scaled
@@ -211,7 +211,7 @@ def read_entrywise(
     system: Equations, values: NodeValues, team: ThreadTeam,
     recovered: RecoveredCurrents | None = None, tiny: BranchCurrents | None = None, **details: Any,
 ) -> tuple[OperatingPoint, NDArray[np.float64], bool]:  # fmt: skip
-    """Return the operating point, relative KCL residuals (nodes,), and whether large currents have few correct digits.
+    """Return operating point, relative KCL residuals (nodes,), whether currents above `HARMLESS` lack correct digits.
 
     A residual is divided by the through-current.  `values`: node values; `recovered`: voltages and currents from
     `resgrid.circuit.current_recovery`, or None; `tiny`: currents from the node values, which replace recovered currents
@@ -245,7 +245,7 @@ def _branch_currents(
     team: ThreadTeam = SINGLE_THREAD, falling: NDArray[np.float64] | None = None,
     recovered: RecoveredCurrents | None = None, tiny: BranchCurrents | None = None,
 ) -> tuple[BranchCurrents, NDArray[np.float64], bool]:  # fmt: skip
-    """Return branch currents, relative KCL residuals (nodes,), and whether large currents have few correct digits.
+    """Return branch currents, relative KCL residuals (nodes,), whether currents above `HARMLESS` lack correct digits.
 
     `unknown` (nodes,): row of a node, -1 where KCL is not checked; `falling` (nodes,): values that fall along currents;
     negligible currents against them, as between mirror-symmetric cells, are rounding errors and are set to 0;

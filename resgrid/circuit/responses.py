@@ -214,7 +214,10 @@ def _returning(amps: Numbers) -> Numbers:
 
 
 def _driven_by(system: Equations, amps: NDArray[np.float64]) -> Equations:
-    """Return the equations with the currents `amps` (nodes,) from ground into the nodes with current sources."""
+    """Return the equations with other values of the current sources.
+
+    `amps` (nodes,): current in amperes of the only source into each node, from ground; 0 for nodes without a source.
+    """
     row, netlist = system.unknown, system.netlist
     injected = np.bincount(row[row >= 0], amps[row >= 0], system.size).astype(np.float64)
     return replace(system, netlist=netlist.replace(current_amps=amps[netlist.current_nodes[:, 1]]), injected=injected)
