@@ -1,7 +1,8 @@
 """Energy and time of one plan: settling of the grid, supply during the read-out, and conversions along the path.
 
 The robot compares, in each cell of its path, the voltages of the cell and of its free neighbours.  A conversion costs
-``FOM 2**bits`` (Walden 1999, IEEE J. Sel. Areas Commun. 17(4), 539-550).
+``FOM 2**bits`` joules, with the figure of merit ``FOM`` of the converter in joules per conversion step (Walden 1999,
+IEEE J. Sel. Areas Commun. 17(4), 539-550).
 """
 
 from __future__ import annotations

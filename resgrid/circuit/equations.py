@@ -302,7 +302,7 @@ def refuse_floating_currents(netlist: Netlist, components: Components, *, unless
 
 
 def _range(values: NDArray[np.float64], group: NDArray[np.int32], count: int) -> NDArray[np.float64]:
-    """Return the minimum and the maximum of every group of values, shape (2, count); infinite for an empty group.
+    """Return the minimum and the maximum of every group of values, shape (2, count); inf and -inf for an empty group.
 
     `values` (k,): the values; `group` (k,): group of every value; `count`: number of groups.
     """

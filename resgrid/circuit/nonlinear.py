@@ -48,7 +48,7 @@ _FLOOR = 1e-15
 """Smallest differential conductance, as a fraction of the conductance at 0 V; keeps the matrix regular."""
 
 _NEGLIGIBLE = 1e-9
-"""Largest violation of KCL at convergence, as a fraction of the largest current of a resistor or into a row."""
+"""Largest violation of KCL at convergence, as a fraction of the largest resistor or injected current."""
 
 _WORTHWHILE = 0.05
 """Smallest useful step length, as a fraction of a Newton step; a shorter step is replaced by a secant step."""
@@ -287,7 +287,7 @@ class _NonlinearCircuit:
         return cls(law, system, method, incidence, across(system.heights(np.zeros(system.size)), ends))
 
     def drops(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the voltages across the elements, first node minus second, in volts; `x` (n,): row voltages."""
+        """Return voltages across elements, first node minus second, in volts, (elements,); `x` (n,): row voltages."""
         return np.asarray(self.incidence @ x + self.lift)
 
     def excess(self, drop: NDArray[np.float64]) -> NDArray[np.float64]:

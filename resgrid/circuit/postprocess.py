@@ -294,9 +294,9 @@ def _branch_currents(
 def differences(
     values: NodeValues, netlist: Netlist, team: ThreadTeam
 ) -> tuple[NDArray[np.float64], NDArray[np.int64], float, NDArray[np.int64]]:
-    """Return branch currents, exponents, the power in watts, and the indices of the currents with few correct digits.
+    """Return branch currents (first to second node), exponents, power in watts, and indices of imprecise currents.
 
-    Currents ``amps * 2**(256 exponent)`` A, (resistors,), flow from first to second node; exponents are 0 if possible.
+    The currents are ``amps * 2**(256 exponent)`` A, (resistors,); the exponents are all 0 if doubles are sufficient.
     """
     from resgrid.circuit.kernels import currents
 

@@ -21,7 +21,7 @@ class Stamps:
     """Positions of elements in the rows of nodal equations, and in the sparse nodal matrix (n, n).
 
     `size`: number of rows n; `first`, `second` (elements,): rows of both nodes, n for a node without a row; `element`,
-    `sign`, `position` (entries,): element of every stamp, 1 on the diagonal or -1, and index in the data; `indices`,
+    `sign`, `position` (entries,): element of every stamp, 1 on the diagonal or -1, index in the matrix data; `indices`,
     `pointers`: pattern of the matrix in compressed columns.
     """
 
