@@ -28,7 +28,7 @@ from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError
 
 _MOST_CELLS = 400
-"""Maximum number of cells on the paths for which sensitivities are computed; further cells are left out."""
+"""Maximum number of cells that `ADCResolution.cells_passed` returns; later cells on the paths are left out."""
 
 _SMALL = 1e-4
 """Current of a nonlinear resistor, as a fraction of its saturation current, below which the resistor counts as linear.
@@ -60,7 +60,7 @@ class Steps:
         """Return the flat index of the lowest neighbour of every cell, and the natural log of the voltage step to it.
 
         Both arrays have shape (cells,); the step is in volts.  For a cell without a lower neighbour they contain -1 and
-        minus infinity.  Among equal neighbours the first is returned.
+        minus infinity.  Among equal neighbours the one with the first entry is returned.
         """
         size = self.cells.space.cell.size
         down = np.where(self.sign > 0, self.log_volts, -np.inf)
@@ -245,7 +245,7 @@ class ADCResolution(Result):
         Returns
         -------
         ndarray of int64, shape (k, axes)
-            Indices of the cells, at most 400, without goal cells, in the order in which the paths pass them.
+            Indices of the first 400 cells at most, without goal cells, in the order in which the paths pass them.
 
         Raises
         ------
@@ -354,8 +354,9 @@ def _largest_ahead(
 ) -> NDArray[np.float64]:
     """Return the largest value on the path from every cell to the path's end, shape (cells,), by pointer doubling.
 
-    The result is NaN outside the starts. `bits` (cells,): values, NaN outside the starts; `following` (cells,): flat
-    index of the next cell on the path, -1 at an end; `space`: gives the goal cells, whose values do not count.
+    The result is NaN where `bits` is NaN.  `bits` (cells,): values, NaN except in free cells with a path to a goal;
+    `following` (cells,): flat index of the next cell on the path, -1 at an end; `space`: gives the goal cells, whose
+    values do not count.
     """
     most = np.where(space.cell.ravel() == Cell.GOAL, -np.inf, bits)
     ahead = np.where(following < 0, np.arange(len(bits)), following)

@@ -54,7 +54,10 @@ _HELD = {
     "grid": (*_SCALE, "capacitance"),  # capacitors carry no current at the operating point
     "tiles": (*_SCALE, "capacitance", *_SWITCHES, *_DRAWN, *_SCATTERED),
 }
-"""Keys of the chip description whose effects a form of the circuit represents, by the name of the form."""
+"""Keys of the chip description whose effects a form of the circuit represents, by the name of the form.
+
+The form ``"circuit"`` is not listed: it represents all keys except `READING`.
+"""
 
 
 def build_chip(netlist: Netlist, chip: Chip | Iterable[Effect], seed: Any = None) -> Netlist:

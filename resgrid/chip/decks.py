@@ -199,9 +199,10 @@ def _temperature(ideal: Netlist, chip: Chip, path: Path, words: Words) -> Writte
 
 
 def _probed(netlist: Netlist, volts: NDArray[np.float64]) -> NDArray[np.int32]:
-    """Return the nodes of cells whose voltages a deck records, shape (k,): all of at most 1000 nodes, else 64 of them.
+    """Return the nodes of cells whose voltages a deck records, shape (k,): all of at most 1000 nodes, else 64.
 
-    `volts` (nodes,): node voltages; nodes with NaN are left out.
+    The 64 nodes are evenly spaced in the order of their numbers.  `volts` (nodes,): node voltages; nodes with NaN are
+    left out.
     """
     cell_map = netlist.cells
     nodes = np.unique(cell_map.node[cell_map.node >= 0])

@@ -216,8 +216,8 @@ def analyse_faults(
 
     `readout`: read-out of the chip, whose offset and noise are ignored; `short_resistance`: resistance of a short, in
     ohms; `starts` (shape of the space): mask of the start cells, None for all cells with a path to a goal; `seconds`:
-    time limit, None for no limit; `progress`: function called with the numbers of finished and of all elements.
-    Returns a FaultAnalysis.
+    time limit in seconds, None for no limit; `progress`: function called with the numbers of finished and of all
+    elements.  Returns a FaultAnalysis.
     """
     cells = cells_with_nodes(netlist, "faults that cost starts")
     bits = IDEAL_BITS if readout.bits is None else readout.bits

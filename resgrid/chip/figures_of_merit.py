@@ -193,9 +193,10 @@ def wilson(share: NDArray[np.float64] | float, trials: float, confidence: float)
 def effective_trials(counts: NDArray[np.int64], members: int) -> float:
     """Return the number of independent trials that are as precise as trials in clusters (Kish 1965).
 
-    The members of a cluster may be correlated.  The result is ``p (1 - p)`` over the variance of the mean, estimated
-    from the spread between clusters; at least the number of clusters, at most the number of all members.  `counts`
-    (trials,): number of successes in every cluster; `members`: number of members of a cluster.
+    The members of a cluster may be correlated.  The result is ``p (1 - p)`` over the variance of ``p``, the fraction
+    of successes among all members.  The variance is estimated from the spread between clusters.  The result is at least
+    the number of clusters, at most the number of all members.  `counts` (trials,): number of successes in every
+    cluster; `members`: number of members of a cluster.
     """
     total, squares, trials = int(counts.sum()), int(counts @ counts), len(counts)
     share = total / (trials * members)

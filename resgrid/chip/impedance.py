@@ -164,6 +164,9 @@ def _weak_part_basis(G: Laplacian) -> sparse.csr_array:
 Integrals = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
 """Four arrays (n,): effective resistances to the rails, in ohms; errors of these; integrals of ``Re Z`` over a
 frequency band, in ohm hertz; errors of these.
+
+Errors have the unit of the values.  Of estimates they are standard errors.  Of exact results they are 0 for the
+resistances, and bounds on rounding errors for the integrals.
 """
 
 
@@ -171,8 +174,8 @@ def exact_integrals(dynamics: Dynamics, band: tuple[float, float] | None) -> Int
     """Compute effective resistances to the rails, and integrals of ``Re Z`` over a band, from factors of the matrices.
 
     ``Re Z`` is the real part of the impedance from a row to the rails.  `dynamics`: circuit equations; `band`: lower
-    and upper limit in hertz, None for integrals of 0.  Returns `Integrals`: resistances in ohms, their errors,
-    integrals in ohm hertz, and their errors, each of shape (n,).
+    and upper limit in hertz, None for integrals of 0.  Returns `Integrals`: resistances in ohms, zeros,
+    integrals in ohm hertz, and bounds on their rounding errors in ohm hertz, each of shape (n,).
     """
     none = np.zeros(dynamics.size)
     if not dynamics.size:

@@ -12,7 +12,7 @@ from resgrid._internal.jit import inner, kernel
 Floats = NDArray[np.float64]
 
 _FINE = 1e-9
-"""Smallest step of the search for a band crossing, as a fraction of the time.
+"""Smallest step of the search for a band crossing, as a fraction of the time at the end of the step.
 
 A band crossing is the time at which the magnitude of a sum of exponentials falls below a limit. If the sum is at this
 limit within a step of the smallest length, the search takes the end of the step as the crossing.

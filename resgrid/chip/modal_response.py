@@ -135,8 +135,9 @@ def _krylov(
 def _reduced(W: Floats, T: Floats, length: float, shift: float) -> Motion:
     """Return the motion as a sum of exponentials, from the Ritz pairs of the Lanczos matrix (Nour-Omid et al. 1987).
 
-    The vectors are valid for nodes without capacitance, too.  `W` (k, n): solutions for the Lanczos vectors; `T` (k,
-    k): Lanczos matrix; `length`: norm of the initial deviation; `shift`: shift of the resolvent, in 1/s.
+    The vectors are valid for nodes without capacitance, too.  `W` (k, n): ``(G + shift C)^-1 F^T v`` of every
+    Lanczos vector ``v``, with ``C = F^T F``; `T` (k, k): Lanczos matrix; `length`: norm of ``F`` times the initial
+    deviation; `shift`: shift of the resolvent, in 1/s.
     """
     value, S = np.linalg.eigh(T)
     keep = value > _INSTANT * value[-1]

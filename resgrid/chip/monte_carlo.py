@@ -363,7 +363,7 @@ def _recorded_trials(
     """Yield for every trial in a journal the mask of the starts that reach a goal, shape (readouts, starts).
 
     `series`: all series, in the order of the journal; `starts`: number of starts; `journal`: checkpoint file, None for
-    no trials.  A damaged line raises the error of `Journal.damaged`.
+    no trials.  Raises InputError for a damaged line.
     """
     readouts = [each.readouts for each in series for _ in range(each.trials)]
     for number, record in enumerate(journal or ()):
@@ -392,7 +392,7 @@ def _recorded(record: Mapping[str, Any], number: int, shape: tuple[int, int]) ->
 def _remaining(series: Sequence[TrialSeries], done: int) -> Iterator[JobPart]:
     """Yield the remaining trials of every series as a JobPart, without the first `done` trials of all series together.
 
-    `series`: all series, in order.
+    A JobPart is the function `run_trials` with its arguments.  `series`: all series, in order.
     """
     for each in series:
         if done < each.trials:

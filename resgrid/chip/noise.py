@@ -106,8 +106,8 @@ class Noise(Result):
         """Figures of merit of the noisiest node by name.
 
         ``largest_effective_resistance`` (ohms); ``largest_noise_density`` (V/sqrt(Hz)) at low frequency;
-        ``largest_noise_limit``: rms noise in volts over all frequencies, None where a node has no capacitance;
-        ``largest_noise``: rms noise in volts within the band, only if there is one.
+        ``largest_noise_limit``: rms noise in volts over all frequencies, None if some node has no capacitive
+        connection to a rail; ``largest_noise``: rms noise in volts within the band, only if there is one.
         """
         at = f"at {self.temperature:.6g} K"
         result = {

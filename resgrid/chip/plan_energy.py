@@ -1,7 +1,8 @@
 """Energy and time of one plan: settling of the grid, supply during the read-out, and conversions along the path.
 
 The robot compares, in each cell of its path, the voltages of the cell and of its free neighbours.  A conversion costs
-``FOM 2**bits`` (Walden 1999, IEEE J. Sel. Areas Commun. 17(4), 539-550).
+``FOM 2**bits`` joules, with the figure of merit ``FOM`` of the converter in joules per conversion step (Walden 1999,
+IEEE J. Sel. Areas Commun. 17(4), 539-550).
 """
 
 from __future__ import annotations
@@ -42,7 +43,8 @@ class PlanEnergy(Result):
     conversion_energy : float or None
         Energy of one conversion in joules; None without a figure of merit of the converter.
     settling_energy, settle_time : float
-        Energy in joules that the sources deliver until the grid has settled, and settling time in seconds.
+        Energy in joules that the sources deliver until all voltages have settled (to half a step of the converter),
+        and the time until then in seconds.
     power : float
         Power of the settled grid, in watts.
     conversion_time : float or None
@@ -69,12 +71,12 @@ class PlanEnergy(Result):
 
     @property
     def readout_time(self) -> float:
-        """Time of all conversions, one after the other, in seconds."""
+        """Time of all conversions, one after the other, in seconds; 0 without a conversion time."""
         return self.conversions * (self.conversion_time or 0.0)
 
     @property
     def readout_energy(self) -> float:
-        """Energy of all conversions, in joules."""
+        """Energy of all conversions, in joules; 0 if the energy of one conversion is unknown."""
         return self.conversions * (self.conversion_energy or 0.0)
 
     @property

@@ -36,11 +36,11 @@ class Effort:
     """Limits on the effort of the analyses of a report.
 
     `half_width`: Monte Carlo trials stop when half the width of the confidence interval of the yield, as a fraction, is
-    at most this; `trials`: maximum number of random chips; `seconds`: time limit of the fault analysis; `sweep`: keys
-    of the chip description to sweep, each with the list of its values, none or two keys; `executor`: workers that run
-    the trials, None for this process; `checkpoints`: files of trial results, by the name of the analysis (``yield``,
-    ``sweep``); `progress`: function called with the numbers of finished and of all trials or faults, and the yield so
-    far.
+    at most this; `trials`: maximum number of random chips; `seconds`: time limit of the fault analysis in seconds;
+    `sweep`: two keys of the chip description to sweep, each with the list of its values, or empty for the default keys;
+    `executor`: workers that run the trials, None for this process; `checkpoints`: files of trial results, by the name
+    of the analysis (``yield``, ``sweep``); `progress`: function called with the numbers of finished and of all trials
+    or elements, and (for trials) the yield so far.
     """
 
     half_width: float = 0.01

@@ -2,7 +2,7 @@
 
 The adjoint network (Director & Rohrer 1969) of a resistor network is the network itself.  With ``G lambda = c``, the
 functional ``F = c . V`` changes by ``I_k (lambda_a - lambda_b)`` per relative increase of the resistance ``k`` between
-nodes ``a`` and ``b`` with the current ``I_k``.  One linear solve gives all derivatives.
+nodes ``a`` and ``b`` with the current ``I_k`` from ``a`` to ``b``.  One linear solve gives all derivatives.
 
 Far from the nonzero entries of ``c``, ``lambda`` decreases by as many orders of magnitude as the currents grow.  An
 error that is small relative to the largest ``lambda`` would there cause a large derivative.  Therefore every difference
@@ -244,8 +244,8 @@ class Adjoint:
     Linear resistors come first, then nonlinear ones.  `factors`: factors of the linearized circuit, None if no node
     voltage is unknown; `row` (resistors, 2): matrix rows of both ends of each resistor, -1 where the voltage is known;
     `conductance` (resistors,): small-signal conductances, in siemens; `log_amps` (resistors,): natural logarithm of the
-    magnitude of the currents in amperes; `direction` (resistors,): sign of the currents, -1, 0 or 1; `height` (n,):
-    ``G^-1`` times 1 A in every row, in volts.
+    magnitude of the currents in amperes; `direction` (resistors,): sign of the currents from the first to the second
+    end, -1, 0 or 1; `height` (n,): ``G^-1`` times 1 A in every row, in volts.
     """
 
     factors: CircuitFactor | None
@@ -288,9 +288,9 @@ class Adjoint:
     def _normwise(self, factors: CircuitFactor, rhs: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
         """Return the differences of the adjoint ``lambda = G^-1 rhs`` across resistors, with errors, from one solve.
 
-        `factors`: factors of the linearized circuit; `rhs` (n,): weights, divided by the largest magnitude.  The result
-        is in the same scale: signs, natural logarithms of the magnitudes, and natural logarithms of the error bounds,
-        each of shape (resistors,).
+        A difference is the first end minus the second.  `factors`: factors of the linearized circuit; `rhs` (n,):
+        weights, divided by the largest magnitude.  The result is in the same scale: signs, natural logarithms of the
+        magnitudes, and natural logarithms of the error bounds, each of shape (resistors,).
         """
         matrix = factors.system.laplacian
         try:
@@ -305,10 +305,10 @@ class Adjoint:
     def _entrywise(self, factors: CircuitFactor, rhs: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
         """Return the differences of the adjoint ``lambda = G^-1 rhs`` across resistors, with errors, from two solves.
 
-        The positive and the negative part of `rhs` are solved separately, each with componentwise accuracy.  `factors`:
-        factors of the linearized circuit; `rhs` (n,): weights, divided by the largest magnitude.  The result is in the
-        same scale: signs, natural logarithms of the magnitudes, and natural logarithms of the error bounds, each of
-        shape (resistors,).
+        The positive and the negative part of `rhs` are solved separately, each with componentwise accuracy.  A
+        difference is the first end minus the second.  `factors`: factors of the linearized circuit; `rhs` (n,):
+        weights, divided by the largest magnitude.  The result is in the same scale: signs, natural logarithms of the
+        magnitudes, and natural logarithms of the error bounds, each of shape (resistors,).
         """
         parts, residual, matrix = [], np.zeros(len(rhs)), factors.system.laplacian
         diagonal, edges = matrix.diagonal, matrix.edges
@@ -359,7 +359,8 @@ class Adjoint:
     def _across(self, parts: list[Scaled]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return sign and natural log of the magnitude of a solution's differences across resistors, each (resistors,).
 
-        `parts`: the solution, or two vectors whose difference is the solution, with one entry per row (n,).
+        A difference is the first end minus the second.  `parts`: the solution, or two vectors whose difference is the
+        solution, with one entry per row (n,).
         """
         hi, lo, e = (
             np.stack([np.append(getattr(x, name), 0)[self.row] for x in parts]) for name in ("hi", "lo", "exponent")

@@ -273,7 +273,7 @@ class Study(CircuitStudy):
         short_resistance : float, optional
             Resistance of a short, in ohms; by default that of the chip.
         seconds : float, optional
-            Time limit; by default no limit.  Elements with the largest currents come first.
+            Time limit in seconds; by default no limit.  Elements with the largest currents come first.
         progress : callable, optional
             Called with the number of finished elements and the number of all elements.
 

@@ -137,7 +137,7 @@ class CircuitStudy(StudyInputs):
     def _band(self) -> tuple[float, float] | None:
         """Default lower and upper limit of the noise band in hertz; None for no band.
 
-        The upper limit is the noise bandwidth of the read-out, else a frequency above the highest corner frequency.  If
+        The upper limit is the noise bandwidth of the read-out, else about 100 times the highest corner frequency.  If
         the read-out has no noise bandwidth, there is no band for a circuit without capacitors or without a chip
         description.
         """

@@ -65,8 +65,8 @@ class Gradient:
         to the leak of the space.  None for a circuit that was not compiled from a space, with nonlinear resistors, and
         with open obstacles without a leak, where a leak would replace the drive.
     conductivity : ndarray of float64, shape of the space, or None
-        Derivative with respect to the conductivity of every cell.  None for a circuit that was not compiled from a
-        space, and with nonlinear resistors.
+        Derivative with respect to the conductivity of every cell, a factor (1 by default) without unit.  None for a
+        circuit that was not compiled from a space, and with nonlinear resistors.
 
     Examples
     --------
@@ -96,8 +96,9 @@ class Gradient:
     def conductivity(self) -> NDArray[np.float64] | None:
         """Derivative with respect to the conductivity of every cell, shape of the space.
 
-        None for a circuit that was not compiled from a space, and with nonlinear resistors.  A resistor that differs
-        from the compiled one is taken to be a constant multiple of the compiled one.
+        A conductivity is a factor without unit, 1 by default.  The result is None for a circuit that was not compiled
+        from a space, and with nonlinear resistors.  A resistor that differs from the compiled one is taken to be a
+        constant multiple of the compiled one.
         """
         netlist = self.op.netlist
         if netlist.cell_map is None or netlist.nonlinear_nodes.size:
@@ -180,7 +181,8 @@ def _product(first: Numbers, second: Numbers, conductance: NDArray[np.float64]) 
 def forward_currents(op: OperatingPoint) -> Numbers:
     """Return the currents of the small-signal circuit for the voltages of an operating point, in amperes, (resistors,).
 
-    The result is a pair of mantissas and exponents of ``2**256``.  The resistors that replace nonlinear ones come last.
+    The result is a pair of mantissas and exponents of ``2**256``, positive from the first node to the second.  The
+    resistors that replace nonlinear ones come last.
     """
     amps, exponent = op.readings.scaled
     if not op.netlist.nonlinear_nodes.size:

@@ -25,9 +25,9 @@ _SMALL = 1000
 """Number of rows (unknown voltages) up to which every chip is factored; larger grids are solved by multigrid."""
 
 _MOST_CONTRAST = 1e3
-"""Largest ratio of the largest diagonal entry of the nominal matrix to its smallest nonzero magnitude, for multigrid.
+"""Largest ratio of the largest diagonal entry of the nominal matrix to the smallest magnitude of its nonzero entries.
 
-Up to this ratio, chips share the coarse multigrid levels of the nominal chip.  Beyond it, every chip is factored.
+Up to this ratio, large grids share the coarse multigrid levels of the nominal chip.  Beyond it, every chip is factored.
 """
 
 
@@ -35,7 +35,7 @@ class Batch(NamedTuple):
     """Common set-up of all chips with one circuit.
 
     `system`: equations of the nominal chip, whose sparsity all chips have; `solver`: function that solves the equations
-    of many chips one after the other, with the result None for a chip that differs too much from the nominal one.
+    of many chips one after the other, with the result None for a chip whose solution is not accurate.
     """
 
     system: Equations

@@ -77,8 +77,8 @@ def recover_currents(system: Equations) -> tuple[RecoveredCurrents | None, Direc
 
     Both results are None if the factors exceed the memory; the factors are also None without rows.  Circuits whose
     factors have at most 10,000 entries are solved in integers.  Larger circuits, and all grids of cells with two rails,
-    or with one rail and currents of one sign, are corrected in double-double; they are solved in integers if these
-    corrections do not converge.
+    or with one rail and source currents of one sign, are corrected in double-double; they are solved in integers if
+    these corrections do not converge.
     """
     if not system.size:
         return solve_in_integers(system, []), None
@@ -96,7 +96,7 @@ def recover_currents(system: Equations) -> tuple[RecoveredCurrents | None, Direc
 
 
 def _is_field(system: Equations) -> bool:
-    """Return whether the circuit is a grid of cells with two rails, or with one rail and currents of one sign."""
+    """Return whether the circuit is a grid of cells with two rails, or one rail and source currents of one sign."""
     if system.netlist.space_map is None or system.rails is not None:
         return system.netlist.space_map is not None
     return not (np.any(system.drive < 0.0) and np.any(system.drive > 0.0))
@@ -196,7 +196,7 @@ def _currentless(system: Equations, rows: NDArray[np.int32]) -> NDArray[np.bool_
 
     `rows` (resistors, 2): rows of both ends, -1 for a known voltage.  Known voltages count as sources.  Dead ends carry
     no current for any conductances.  The result is False everywhere for a grid of cells with two rails, or with one
-    rail and currents of one sign.
+    rail and source currents of one sign.
     """
     currentless = np.zeros(len(rows), dtype=np.bool_)
     if _is_field(system):
@@ -242,8 +242,8 @@ def _bound(system: Equations, factors: SupernodalFactors, found: _Differences) -
 def _source_amps(system: Equations, falls: Doubled) -> NDArray[np.float64]:
     """Return the currents into the plus terminals of the voltage sources (sources,), in amperes.
 
-    They are exact sums of the branch currents; NaN in a loop of sources. `system`: equations; `falls`: voltage
-    differences across the resistors in volts, as a pair of arrays (resistors,): leading parts and rounding errors.
+    They are exact sums of the branch currents; NaN in a loop of sources. `system`: equations; `falls`: voltages across
+    the resistors (first end minus second) in volts, as a pair of arrays (resistors,): leading parts, rounding errors.
     """
     netlist = system.netlist
     net, net_low, _ = _flows(netlist, netlist.resistor_nodes, netlist.current_nodes, netlist.node_count, falls)
@@ -284,8 +284,9 @@ def _residual(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the net current into every row, and half the sum of the magnitudes there, in amperes, (n,) each.
 
-    `rows` (resistors, 2): rows of both ends, -1 for a known voltage; `falls`: voltage differences in volts, as a pair
-    of arrays (resistors,): leading parts and rounding errors.  A net current within the rounding error of its sum is 0.
+    `rows` (resistors, 2): rows of both ends, -1 for a known voltage; `falls`: voltages across the resistors (first end
+    minus second) in volts, as a pair of arrays (resistors,): leading parts and rounding errors.  A net current within
+    the rounding error of its sum is 0.
     """
     source_rows = system.unknown[system.netlist.current_nodes]
     net, _, total = _flows(system.netlist, rows, source_rows, system.size, falls)
@@ -298,8 +299,8 @@ def _flows(
     """Return the net currents into nodes or rows, their rounding errors, and the sums of the magnitudes, in amperes.
 
     `ends` (resistors, 2), `source_ends` (current sources, 2): nodes or rows of the ends, negative ones are left out;
-    `count`: number of nodes or rows, the length of the results; `falls`: voltage differences in volts, as a pair of
-    arrays (resistors,): leading parts and rounding errors.  Sums are in double-double.
+    `count`: number of nodes or rows, the length of the results; `falls`: voltages across the resistors (first end minus
+    second) in volts, as a pair of arrays (resistors,): leading parts and rounding errors.  Sums are in double-double.
     """
     from resgrid.circuit.kernels import add_flows
 

@@ -15,7 +15,7 @@ from resgrid.errors import CircuitError
 from resgrid.solvers.laplacian import EdgeList, Grid, Laplacian, Rails
 
 _MANY = 20_000
-"""Largest number of current sources at ground whose currents are summed exactly; longer sums are rounded."""
+"""Largest number of current sources with an end at ground whose sum, the current into ground, is rounded only once."""
 
 ALWAYS_RECOVERED = 500
 """Number of nodes up to which currents of circuits without cells are always computed again by `current_recovery`.
@@ -66,8 +66,8 @@ class Equations:
     `netlist`: the circuit; `forest`: spanning forest of the voltage sources; `unknown` (nodes,): row of every node with
     an unknown voltage, -1 for others; nodes joined by floating sources share a row; `laplacian` (n, n): conductances
     between the rows, and from rows to nodes of known voltage; `laplacian.rails` is set if the known voltages have
-    exactly two values and there is no other drive; `contacts`: the resistors that contribute to `feed` and to ground
-    conductances; `feed` (n,): current from the known voltages, above `reference`, into every row, in amperes;
+    exactly two values and there is no other drive; `contacts`: resistors from rows to known voltages, or between rows
+    with voltage offsets; `feed` (n,): current from the known voltages, above `reference`, into every row, in amperes;
     `injected` (n,): current from current sources into every row, in amperes; both are read-only views of one zero if
     all entries are 0; `reference`: the lowest known voltage in contact with the rows, in volts; `undriven`: nodes of
     components without current, which touch a single known voltage; `undriven_volts`: voltages of the nodes `undriven`;
@@ -302,7 +302,7 @@ def refuse_floating_currents(netlist: Netlist, components: Components, *, unless
 
 
 def _range(values: NDArray[np.float64], group: NDArray[np.int32], count: int) -> NDArray[np.float64]:
-    """Return the minimum and the maximum of every group of values, shape (2, count); infinite for an empty group.
+    """Return the minimum and the maximum of every group of values, shape (2, count); inf and -inf for an empty group.
 
     `values` (k,): the values; `group` (k,): group of every value; `count`: number of groups.
     """

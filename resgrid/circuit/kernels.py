@@ -153,9 +153,9 @@ def currents(
     `pairs` (m, 2): nodes; `conductance` (m,): in siemens; `value`, `is_drop` (nodes,): node values in units of the
     voltage between the rails, and whether each is a drop from the high rail instead of a voltage above the low rail;
     `volts`: voltage between the rails, in volts; `rounding`: relative rounding error of voltages above the low rail;
-    `amps`, `exponent` (m,): receive the currents ``amps * 2**(256 exponent)`` A; `threshold`: relative difference of
-    two values below which their difference is imprecise; `imprecise` (m,): receives whether the voltage difference is
-    imprecise or a rounding error, but not zero.
+    `amps`, `exponent` (m,): receive the currents ``amps * 2**(256 exponent)`` A, from the first to the second node;
+    `threshold`: relative difference of two values below which their difference is imprecise; `imprecise` (m,): receives
+    whether the voltage difference is imprecise or a rounding error, but not zero.
     """
     hi, lo, e, drop_rounding = value.hi, value.lo, value.exponent, value.noise
     power = 0.0
@@ -181,8 +181,9 @@ def currents(
 def add_currents(pairs: Indices, amps: Floats, exponent: Integers, frame: Integers, net: Floats, total: Floats) -> None:
     """Add the resistor currents to the net current into every node, and their magnitudes to the totals, in place.
 
-    `pairs` (m, 2): nodes; `amps`, `exponent` (m,): currents ``amps * 2**(256 exponent)`` A; `frame` (nodes,): exponent
-    of the unit ``2**(256 frame)`` A of a node; `net`, `total` (nodes,): net current and sum of magnitudes in this unit.
+    `pairs` (m, 2): nodes; `amps`, `exponent` (m,): currents ``amps * 2**(256 exponent)`` A from the first to the second
+    node; `frame` (nodes,): exponent of the unit ``2**(256 frame)`` A of a node; `net`, `total` (nodes,): net current
+    and sum of magnitudes in this unit.
     """
     for k in range(len(pairs)):
         a, b = pairs[k, 0], pairs[k, 1]
@@ -200,11 +201,11 @@ def drop_unresolved(
 ) -> None:  # fmt: skip
     """Set to zero the currents that do not flow downwards in `falling` and are negligible at both ends, in place.
 
-    `pairs` (m, 2): nodes; `amps`, `exponent` (m,): currents ``amps * 2**(256 exponent)`` A; `frame` (nodes,): exponent
-    of the unit ``2**(256 frame)`` A of a node; `net`, `through` (nodes,): net current and half the sum of the
-    magnitudes, in this unit; `falling` (nodes,): values that fall along currents, such as the potential; `negligible`:
-    a current of at most ``negligible * through`` is negligible.  A node with NaN in `falling` (a voltage outside the
-    rails) keeps its currents.
+    `pairs` (m, 2): nodes; `amps`, `exponent` (m,): currents ``amps * 2**(256 exponent)`` A from the first to the second
+    node; `frame` (nodes,): exponent of the unit ``2**(256 frame)`` A of a node; `net`, `through` (nodes,): net current
+    into the node and half the sum of the magnitudes, in this unit, updated in place; `falling` (nodes,): values that
+    fall along currents, such as the potential; `negligible`: a current of at most ``negligible * through`` is
+    negligible.  A node with NaN in `falling` (a voltage outside the rails) keeps its currents.
     """
     for k in range(len(pairs)):
         a, b = pairs[k, 0], pairs[k, 1]
@@ -225,9 +226,10 @@ def add_flows(
 ) -> None:
     """Add branch currents ``conductance * falls`` to the net current into both rows, and their magnitudes to `total`.
 
-    `rows` (m, 2): rows, -1 for nodes without a row; `conductance` (m,): in siemens; `falls`, `falls_low` (m,): voltage
-    differences in volts, and their rounding errors; `net`, `net_low` (n,): net currents in amperes, and their rounding
-    errors; `total` (n,): sums of magnitudes in amperes.  `net`, `net_low` and `total` change in place.
+    `rows` (m, 2): rows, -1 for nodes without a row; `conductance` (m,): in siemens; `falls`, `falls_low` (m,): voltages
+    of the first node above the second in volts, and their rounding errors; `net`, `net_low` (n,): net currents in
+    amperes, and their rounding errors; `total` (n,): sums of magnitudes in amperes.  `net`, `net_low` and `total`
+    change in place.
     """
     for k in range(len(rows)):
         a, b = rows[k, 0], rows[k, 1]

@@ -349,7 +349,7 @@ class CircuitFactor:
         Parameters
         ----------
         rhs : array_like of float, shape (n,)
-            Currents into the nodes of the rows, in amperes.
+            Currents into the nodes of the rows, in amperes, in place of those of the sources (``system.drive``).
         rtol : float
             Largest normwise backward error of the solution.
         guess : array_like of float, shape (n,), optional

@@ -48,7 +48,7 @@ _FLOOR = 1e-15
 """Smallest differential conductance, as a fraction of the conductance at 0 V; keeps the matrix regular."""
 
 _NEGLIGIBLE = 1e-9
-"""Largest violation of Kirchhoff's current law at convergence, as a fraction of the largest current."""
+"""Largest violation of KCL at convergence, as a fraction of the largest resistor or injected current."""
 
 _WORTHWHILE = 0.05
 """Smallest useful step length, as a fraction of a Newton step; a shorter step is replaced by a secant step."""
@@ -157,7 +157,8 @@ def linearize(op: OperatingPoint) -> Netlist:
 def nonlinear_drops(point: OperatingPoint) -> NDArray[np.float64]:
     """Return the voltages across the nonlinear resistors of an operating point, in volts, (nonlinear resistors,).
 
-    The voltages are computed from the currents, or near saturation from the node voltages, whichever is more accurate.
+    A voltage is that of the first node minus that of the second.  It is computed from the current, or near saturation
+    from the node voltages, whichever is more accurate.
     """
     netlist = point.netlist
     scale, fraction = netlist.nonlinear_voltage, np.abs(point.nonlinear_amps) / netlist.nonlinear_current
@@ -263,8 +264,8 @@ class _NonlinearCircuit:
     """Kirchhoff's current law for the rows of the nodal equations; elements are first linear, then nonlinear resistors.
 
     `law`: characteristics of all resistors; `system`: equations of the circuit linearized at 0 V; `method`: method of
-    the linear solves; `incidence` (elements, n): matrix that maps row voltages to voltages across elements; `lift`
-    (elements,): voltages across elements for rows at 0 V.
+    the linear solves; `incidence` (elements, n): matrix that maps row voltages to voltages across elements (first node
+    minus second); `lift` (elements,): voltages across elements in volts for rows at 0 V.
     """
 
     law: _Law
@@ -286,7 +287,7 @@ class _NonlinearCircuit:
         return cls(law, system, method, incidence, across(system.heights(np.zeros(system.size)), ends))
 
     def drops(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the voltages across the elements, in volts, (elements,); `x` (n,): voltages of the rows in volts."""
+        """Return voltages across elements, first node minus second, in volts, (elements,); `x` (n,): row voltages."""
         return np.asarray(self.incidence @ x + self.lift)
 
     def excess(self, drop: NDArray[np.float64]) -> NDArray[np.float64]:

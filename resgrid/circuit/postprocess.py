@@ -54,10 +54,10 @@ class NodeValues:
     """Voltage difference of every node from the nearer of two rails, or from the only one, in units of `volts`.
 
     `value` (nodes,): 0 where the node floats; `is_drop` (nodes,): whether the value is the drop from the high rail,
-    which lies 1 unit above the low one, and not the voltage above the low rail; `zero`: voltage of the low (or only)
-    rail; `volts`: size of a unit in volts, negative if values grow as voltages fall; `rounding`: relative difference of
-    two voltages above the low rail up to which it is a rounding error (``value.noise`` for drops); `error_bound`: bound
-    on the error of a value relative to the largest value, for source currents of both signs, else 0 (not computed).
+    1 unit above the low one, and not the voltage above the low rail; `zero`: voltage of the low (or only) rail in V;
+    `volts`: size of a unit in volts, negative if values grow as voltages fall; `rounding`: relative difference of two
+    voltages above the low rail up to which it is a rounding error (``value.noise`` for drops); `error_bound`: bound on
+    the error of a value relative to the largest value, for source currents of both signs, else 0 (not computed).
     """
 
     value: Scaled
@@ -112,8 +112,8 @@ def _drop_and_height(
 ) -> tuple[Scaled, Scaled | None]:
     """Return drops (n,) from the high rail, and voltages (n,) above the low rail, over the voltage between the rails.
 
-    The voltages are None if ``1 - drop`` is accurate.  Both systems are solved at one time if a bound shows that both
-    are needed: ``rails.to_low * voltage`` is at most the sum of ``rails.to_high`` (conductances to the rails).
+    The voltages ``h`` are None if ``1 - drop`` is accurate.  With several threads both systems are solved together if
+    some ``h`` must be small: ``to_low h <= sum(to_high)`` for the conductances from each row to the rails.
     """
     currents = [rails.to_low]
     if team.size > 1 and (to_high := rails.to_high).sum() < _LEAST_COMPLEMENT * currents[0].max(initial=0.0):
@@ -211,7 +211,7 @@ def read_entrywise(
     system: Equations, values: NodeValues, team: ThreadTeam,
     recovered: RecoveredCurrents | None = None, tiny: BranchCurrents | None = None, **details: Any,
 ) -> tuple[OperatingPoint, NDArray[np.float64], bool]:  # fmt: skip
-    """Return the operating point, relative KCL residuals (nodes,), and whether large currents have few correct digits.
+    """Return operating point, relative KCL residuals (nodes,), whether currents above `HARMLESS` lack correct digits.
 
     A residual is divided by the through-current.  `values`: node values; `recovered`: voltages and currents from
     `resgrid.circuit.current_recovery`, or None; `tiny`: currents from the node values, which replace recovered currents
@@ -245,7 +245,7 @@ def _branch_currents(
     team: ThreadTeam = SINGLE_THREAD, falling: NDArray[np.float64] | None = None,
     recovered: RecoveredCurrents | None = None, tiny: BranchCurrents | None = None,
 ) -> tuple[BranchCurrents, NDArray[np.float64], bool]:  # fmt: skip
-    """Return branch currents, relative KCL residuals (nodes,), and whether large currents have few correct digits.
+    """Return branch currents, relative KCL residuals (nodes,), whether currents above `HARMLESS` lack correct digits.
 
     `unknown` (nodes,): row of a node, -1 where KCL is not checked; `falling` (nodes,): values that fall along currents;
     negligible currents against them, as between mirror-symmetric cells, are rounding errors and are set to 0;
@@ -294,7 +294,7 @@ def _branch_currents(
 def differences(
     values: NodeValues, netlist: Netlist, team: ThreadTeam
 ) -> tuple[NDArray[np.float64], NDArray[np.int64], float, NDArray[np.int64]]:
-    """Return branch currents, exponents, the power in watts, and the indices of the currents with few correct digits.
+    """Return branch currents (first to second node), exponents, power in watts, and indices of imprecise currents.
 
     The currents are ``amps * 2**(256 exponent)`` A, (resistors,); the exponents are all 0 if doubles are sufficient.
     """
@@ -320,7 +320,7 @@ def differences(
 def with_tiny_currents(
     amps: NDArray[np.float64], floor: float, tiny: NDArray[np.float64], exponent: NDArray[np.int64]
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return currents as mantissas and exponents (resistors,): `amps`, but `tiny` where `amps` was set to 0."""
+    """Return mantissas and exponents of currents: `amps` and 0, or `tiny` and `exponent` below ``floor max|amps|``."""
     lost = (amps == 0.0) & (np.abs(tiny * power(exponent)) <= _floor_of(amps, floor))
     return np.where(lost, tiny, amps), np.where(lost, exponent, 0)
 
@@ -373,8 +373,8 @@ def _log_drop_and_potential(
 def _potential(system: Equations, height: NDArray[np.float64]) -> NDArray[np.float64] | None:
     """Return potentials (nodes,), 0 at the low or only rail and 1 at the other rail or at the highest node.
 
-    None if the only rail feeds current, or currents have both signs.  `height` (nodes,): voltages above the low rail
-    in units of the voltage between the rails (with one rail: in any unit), overwritten.
+    None unless two rails, or one rail and injected currents of one sign, drive the rows.  `height` (nodes,): voltages
+    above the low rail in units of the voltage between the rails (with one rail: in any unit), overwritten.
     """
     solved = system.unknown >= 0
     if system.rails is not None:

@@ -46,9 +46,9 @@ _NO_EXPONENT = -(2**62)
 class Response:
     """Voltages and currents that injected currents cause in a circuit without independent sources.
 
-    `voltage` (nodes,): voltages in volts, 0 where the node floats; `resistor` (resistors,): currents of the resistors
-    in amperes; `source` (sources,): currents into the plus terminals of the voltage sources in amperes, NaN in loops of
-    sources; currents are mantissas and exponents of ``2**256``.
+    `voltage` (nodes,): voltages in volts, 0 where the node floats; `resistor` (resistors,): currents from the first to
+    the second node in amperes; `source` (sources,): currents into the plus terminals of the voltage sources in amperes,
+    NaN in loops of sources; currents are mantissas and exponents of ``2**256``.
     """
 
     voltage: Scaled
@@ -163,8 +163,8 @@ class SourceFreeCircuit:
     def _source_currents(self, resistor: Numbers, amps: Numbers) -> Numbers:
         """Return the currents into the plus terminals of the voltage sources in amperes, (sources,).
 
-        `resistor` (resistors,): currents of the resistors; `amps` (nodes,): currents into the nodes; arguments and
-        result are mantissas and exponents of ``2**256``.
+        `resistor` (resistors,): currents from the first to the second node; `amps` (nodes,): currents into the nodes;
+        arguments and result are mantissas and exponents of ``2**256``.
         """
         frame, net, through = node_sums(self.netlist, *resistor)
         total = corrected(Scaled(net, np.zeros_like(net), frame), *_returning(amps))
@@ -214,7 +214,10 @@ def _returning(amps: Numbers) -> Numbers:
 
 
 def _driven_by(system: Equations, amps: NDArray[np.float64]) -> Equations:
-    """Return the equations with the currents `amps` (nodes,) from ground into the nodes with current sources."""
+    """Return the equations with other values of the current sources.
+
+    `amps` (nodes,): current in amperes of the only source into each node, from ground; 0 for nodes without a source.
+    """
     row, netlist = system.unknown, system.netlist
     injected = np.bincount(row[row >= 0], amps[row >= 0], system.size).astype(np.float64)
     return replace(system, netlist=netlist.replace(current_amps=amps[netlist.current_nodes[:, 1]]), injected=injected)

@@ -61,7 +61,7 @@ class SourceForest:
 
     @property
     def largest_offset(self) -> float:
-        """Largest voltage between a node and the root of its tree, in volts, over the trees without ground."""
+        """Largest magnitude of a node voltage above the root of the tree, in volts, over the trees without ground."""
         return float(np.abs(self.height[self.base != GROUND]).max(initial=0.0))
 
     @property

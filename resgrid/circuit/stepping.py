@@ -116,8 +116,9 @@ _ACCUMULATION = {"backward_euler": 2.0, "trapezoidal": 4.0, "tr-bdf2": np.inf}
 """Factor ``c`` in the largest estimated error of a step of order ``p``, ``(c tolerance)**((p + 1) / p)``, by method.
 
 The errors ``e`` of ``N`` steps add up, and ``N`` is proportional to ``e**(-1 / (p + 1))``.  The factor accounts for the
-decay of earlier errors.  It is infinite for TR-BDF2, whose leading error is removed by extrapolation.  The trapezoidal
-rule is not L-stable, and extrapolation would make it unstable.
+decay of earlier errors.  It is infinite for TR-BDF2, whose leading error is removed by extrapolation: only
+`_MOST_OF_TOLERANCE` then limits the error of a step.  The trapezoidal rule is not L-stable, and extrapolation would
+make it unstable.
 """
 
 _LEAST_ERROR = 16 * _EPS

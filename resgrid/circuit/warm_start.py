@@ -71,7 +71,7 @@ class WarmPoint:
     wiring : Wiring
         Boundary conditions and drive of the circuit.
     voltage : ndarray of float64, shape of the space
-        Voltage of every cell with an unknown voltage, in volts; NaN for other cells.
+        Voltage above ground of every cell with an unknown voltage, in volts; NaN for other cells.
     fresh : bool
         Whether the solve used no earlier solution and no earlier multigrid hierarchy.
     iterations : int
@@ -137,8 +137,9 @@ class WarmStart:
 
     After a change of few cells (obstacles, goals or conductivities), the equations of the finest level are overwritten
     around these cells, and the coarser levels are kept.  The iteration starts from the last voltages, updated in
-    windows around the changes.  After a change of many cells, including cells that become connected or disconnected, or
-    if the old hierarchy converges slowly, the solve starts without earlier results (`WarmPoint.fresh`).
+    windows around the changes.  After a change of many cells (over a quarter of the space, counted with their
+    windows if the space is large), or if the old hierarchy converges slowly, the solve starts without earlier results
+    (`WarmPoint.fresh`).  Cells that become connected or disconnected count as changed.
 
     Parameters
     ----------

@@ -61,9 +61,9 @@ class Integration:
     """Time integration of one circuit.
 
     `equations`: the equations; `corners` (n, 2): corners of the waveform, times in seconds and factors; `tolerance`:
-    error of the whole integration; `end`: end time in seconds; `progress`: function called after every step; `steps`:
-    number of accepted steps; `switched` (m,): first times of the state 0.5, in seconds, NaN before; `span`: largest
-    voltage difference so far, in volts.
+    error of the whole integration in states, and in voltages as a fraction of `span`; `end`: end time in seconds;
+    `progress`: function called after every step; `steps`: number of accepted steps; `switched` (m,): first times of the
+    state 0.5, in seconds, NaN before; `span`: largest voltage difference so far, in volts.
     """
 
     equations: MemristiveEquations

@@ -57,8 +57,9 @@ class MemristiveEquations:
     time 0; `resistors`, `capacitors`, `both`: positions of the resistors, of the capacitors, and of resistors and then
     capacitors in the equations; `groups`: positions of the resistors in the equations of the rows without capacitance;
     `group` (n,): equation of such a row, or group of rows, -1 for others; `lift` (resistors,): voltages between rails
-    across the resistors, in volts; `charging`, `injected` (n,): charge on the capacitors to the rails, in coulombs, and
-    current of the current sources, in amperes, into every row; the last three for the value 1 of the waveform.
+    across the resistors, in volts; `charging` (n,): charge of every row at 0 V on the capacitors to the rails, in
+    coulombs; `injected` (n,): current of the current sources into every row, in amperes; the last three for the value 1
+    of the waveform.
     """
 
     circuit: MemristiveCircuit
@@ -96,7 +97,7 @@ class MemristiveEquations:
         )
 
     def drops(self, voltage: Vector, drive: float) -> Vector:
-        """Return the voltages across all resistors, in volts, (resistors,).
+        """Return the voltages across all resistors (first node minus second), in volts, (resistors,).
 
         `voltage` (n,): voltages of the rows in volts; `drive`: value of the waveform.
         """
@@ -110,7 +111,7 @@ class MemristiveEquations:
         return siemens
 
     def currents(self, at: Point, drive: float) -> Vector:
-        """Return the currents of the memristors, in amperes, (m,).
+        """Return the currents of the memristors from the first to the second node, in amperes, (m,).
 
         `at`: the unknowns; `drive`: value of the waveform.
         """
@@ -135,7 +136,8 @@ class MemristiveEquations:
     def speed(self, moving: Vector) -> Vector:
         """Return the drift per ampere where the factor ``phi`` of the window is 1, in 1/C, (m,).
 
-        The drift is the time derivative of the coordinate of a state.  `moving` (m,): 0 for states at a limit, else 1.
+        The drift is the time derivative of the coordinate of a state.  The result has the sign of the polarity.
+        `moving` (m,): 0 for states at a limit, else 1.
         """
         return self.circuit.law.rate * self.circuit.polarity * moving
 

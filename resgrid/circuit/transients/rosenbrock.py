@@ -19,7 +19,7 @@ _TIMES = (0.0, 0.386, 0.21, 0.63, 1.0, 1.0)
 """Time of every stage, as a fraction of the step."""
 
 _SLOPES = (0.25, -0.1043, 0.1035, -0.0362, 0.0, 0.0)
-"""Coefficient of the time derivative in every stage."""
+"""Coefficient of the time derivative of the right-hand sides, times the length of the step, in every stage."""
 
 _POINTS = np.array(
     (
@@ -31,7 +31,10 @@ _POINTS = np.array(
         (1.221224509226641, 6.019134481288629, 12.53708332932087, -0.6878860361058950, 1.0),
     )
 )
-"""Coefficients of the solutions of earlier stages in the point at which a stage is evaluated, shape (6, 5)."""
+"""Coefficients of the solutions of earlier stages in the point of a stage, shape (stage, earlier stage).
+
+The right-hand sides of a stage are evaluated at this point.
+"""
 
 _RIGHT = np.array(
     (
@@ -43,7 +46,7 @@ _RIGHT = np.array(
         (8.083246795921522, -7.981132988064893, -31.52159432874371, 16.31930543123136, -6.058818238834054),
     )
 )
-"""Coefficients of the solutions of earlier stages in the right-hand side of a stage, shape (6, 5).
+"""Coefficients of the solutions of earlier stages in the right-hand side of a stage, shape (stage, earlier stage).
 
 They are multiplied by ``M / h``, with the matrix ``M`` of the time derivatives and the length ``h`` of the step.
 """

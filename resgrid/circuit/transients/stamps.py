@@ -21,7 +21,7 @@ class Stamps:
     """Positions of elements in the rows of nodal equations, and in the sparse nodal matrix (n, n).
 
     `size`: number of rows n; `first`, `second` (elements,): rows of both nodes, n for a node without a row; `element`,
-    `sign`, `position` (entries,): element of every stamp, its sign, and its index in the data of the matrix; `indices`,
+    `sign`, `position` (entries,): element of every stamp, 1 on the diagonal or -1, index in the matrix data; `indices`,
     `pointers`: pattern of the matrix in compressed columns.
     """
 
@@ -56,9 +56,9 @@ class Stamps:
         )
 
     def across(self, volts: Vector) -> Vector:
-        """Return the differences of row values across the elements, (elements,); a node without a row has the value 0.
+        """Return the differences of row values across the elements, first node minus second, (elements,).
 
-        `volts` (n,): values of the rows.
+        A node without a row has the value 0.  `volts` (n,): values of the rows.
         """
         padded = np.append(volts, 0.0)
         return np.asarray(padded[self.first] - padded[self.second])

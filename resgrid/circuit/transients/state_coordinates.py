@@ -51,14 +51,14 @@ class Coordinates(NamedTuple):
         return np.ones_like(s) if self.has_limits else np.asarray(expit(s) * expit(-s))
 
     def mobility(self, s: Vector) -> Vector:
-        """Return the factors ``phi`` (m,) of the drift of coordinates (m,)."""
+        """Return the factors ``phi`` (m,), without unit, in ``ds/dt = k i phi(s)``; `s` (m,): coordinates."""
         if self.has_limits:
             return np.ones_like(s)
         away = 2 * np.asarray(expit(s)) - 1
         return np.asarray(4 * sum(away ** (2 * j) for j in range(self.exponent)))
 
     def mobility_slope(self, s: Vector) -> Vector:
-        """Return the derivatives of the factors ``phi`` with respect to the coordinates, (m,)."""
+        """Return the derivatives of the factors ``phi`` in ``ds/dt = k i phi(s)`` with respect to ``s``, (m,)."""
         if self.exponent < 2:
             return np.zeros_like(s)
         away = 2 * np.asarray(expit(s)) - 1
