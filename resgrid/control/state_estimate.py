@@ -32,7 +32,7 @@ class Sensor:
         return not (self.bias.any() or self.noise.any())
 
     def believed(self, configurations: Vector) -> Vector:
-        """Return the noise-free measurements of `configurations` (..., ndim), in the same shape.
+        """Return measurements of `configurations` (..., ndim) with the bias and without noise, in the same shape.
 
         Measurements and configurations are in axis coordinates; the result is clipped to the mechanical stops.
         """
