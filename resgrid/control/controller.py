@@ -123,8 +123,8 @@ class Controller:
         Raises
         ------
         InputError
-            If a value is not finite or has another shape, the configuration lies outside the grid, or it lies more than
-            `RECOVERY` cells from every cell with a path to a goal.
+            If a value is not finite or has another shape, the configuration lies outside the grid, it lies more than
+            `RECOVERY` cells from every cell with a path to a goal, or no current flows in its cell with a path.
         """
         velocity = self.axis_nominal(self._along_axes(configuration)).velocity
         if force is not None:

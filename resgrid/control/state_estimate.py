@@ -64,7 +64,10 @@ class LiveMap:
         return self.space.spacing
 
     def read(self, time: float) -> None:
-        """Let the grid settle until `time`, in seconds since the start of the run, and update the field."""
+        """Let the grid settle until `time`, in seconds since the start of the run, and update the field.
+
+        Without effect if the field is solved at once (no grid).
+        """
         if self.grid is None:
             return
         crossed = (time - self._read_at) * self.controller.speed / float(self.spacing.min())
