@@ -42,8 +42,9 @@ The length is 1 m plus the largest radius of the robot and of disc obstacles.
 """
 
 KEEP = 0.2
-"""Smallest gap after a step, as a fraction of the gap at which the robot is in contact (`Body.margin`), unless the gap
-is smaller before the step.
+"""Smallest gap after a step, as a fraction of the gap at which a contact begins (`Body.margin`).
+
+If the gap is smaller before the step, that gap is the limit.
 """
 
 
@@ -51,14 +52,15 @@ is smaller before the step.
 class ContactSet:
     """Contacts of the robot at one moment, with their forces.
 
-    `pairs` (m,): touching points, as records of points, normal and gap (`resgrid.control.plant.PAIR`); `force` (m, 2):
-    force on the robot at each contact, in axis coordinates of the workspace, whose generalised force is ``J^T force``
-    with the Jacobian ``J`` of the point; `sticking` (m,): whether the force lies inside the friction cone, and the
-    point does not move; `torque` (ndim,): generalised force of all contacts, mechanical stops included; `normal_torque`
-    (ndim,): generalised force of the obstacles' normal forces only; it points away from the obstacles in configuration
-    space, while the force of a sticking contact merely balances the drive along the streamline; `velocity` (ndim,):
-    velocity of the robot with contacts, in axis coordinates, per second; `solved`: False where rounding, such as
-    between axes of very different scales, prevented a solution; velocity and forces are then 0.
+    `pairs` (m,): pairs of points in contact, as records of points, normal and gap (`resgrid.control.plant.PAIR`);
+    `force` (m, 2): force on the robot at each contact, in axis coordinates of the workspace, in the unit in which
+    admittance times force is a velocity; its generalised force is ``J^T force`` with the Jacobian ``J`` of the point;
+    `sticking` (m,): whether the force lies inside the friction cone, and the point does not move; `torque` (ndim,):
+    generalised force of all contacts, mechanical stops included; `normal_torque` (ndim,): generalised force of the
+    obstacles' normal forces only; it points away from the obstacles in configuration space, while the force of a
+    sticking contact merely balances the drive along the streamline; `velocity` (ndim,): velocity of the robot with
+    contacts, in axis coordinates, per second; `solved`: False where rounding, such as between axes of very different
+    scales, prevented a solution; velocity and forces are then 0.
     """
 
     pairs: NDArray[Any]
@@ -118,7 +120,7 @@ def solve_contacts(
     opening: NDArray[np.float64],
     stops: NDArray[np.float64] | None = None,
 ) -> ContactSet:
-    """Compute contact forces and the resulting velocity; return them as a ContactSet.
+    """Compute contact forces and the resulting velocity; return them as a ContactSet of the touching pairs only.
 
     `around`: all n pairs of near points; `touching` (n,): mask of the pairs in contact; `velocity` (ndim,): command in
     axis coordinates, per second; `admittance` (ndim, ndim): velocity per generalised force; `friction`: friction
@@ -158,7 +160,8 @@ class Body:
     tightly for this motion never moves.
 
     `plant`: robot and true obstacles; `start` (ndim,): configuration in axis coordinates; `step`: largest motion along
-    an axis in one step, in cells; `margin`: gap at which the robot is in contact, in metres.
+    an axis in one step, in cells; `margin`: gap at which a contact begins, in metres; a pair of points counts as in
+    contact up to 1.5 times this gap.
     """
 
     def __init__(self, plant: Plant, start: Vector, step: float, margin: float) -> None:
@@ -193,7 +196,10 @@ class Body:
         return self._nothing if self._clear > 2.0 * self._reach else self._survey()
 
     def _survey(self) -> Surroundings:
-        """Search for near obstacles at the present configuration; return the pairs of near points as Surroundings."""
+        """Search for near obstacles at the present configuration; return the pairs of near points as Surroundings.
+
+        Points are near if their gap is at most `_LOOK` (4) times the largest motion of the robot in one step.
+        """
         pose = self._pose = self.plant.pose(self.configuration)
         pairs = self.plant.near(pose, _LOOK * self._reach)
         self._clear = float(pairs["gap"].min()) if len(pairs) else _LOOK * self._reach
@@ -255,10 +261,10 @@ class Body:
         return True
 
     def _time_step(self, velocity: Vector, longest: float, around: Surroundings) -> float:
-        """Return the duration of a step in seconds: until an axis has moved by one step, or a contact or stop begins.
+        """Return the duration of a step in seconds, at most `longest`.
 
-        `velocity` (ndim,): in axis coordinates, per second; `longest`: maximum duration, in seconds; `around`: pairs of
-        near points.
+        The step ends when an axis has moved by `Body.step` cells, at a mechanical stop, or when a gap falls to the
+        margin.  `velocity` (ndim,): in axis coordinates, per second; `around`: pairs of near points.
         """
         fastest = float((np.abs(velocity) / self._spacing).max())
         if fastest == 0.0:

@@ -48,8 +48,8 @@ def contact_forces(
 
     Conditions for the velocity ``qdot`` and the forces ``f_n, f_t`` of each contact: ``0 <= f_n, n . J qdot - target >=
     0``, one of them 0, and ``|f_t| <= mu f_n``, opposing ``t . J qdot``.  Contacts whose force cannot move the robot
-    are ignored. The relative tolerance of the velocity is 1e-6.  A solution exists if no target is positive.  Without a
-    solution, velocity and forces are 0.
+    are ignored (force 0). The relative tolerance of the velocity is 1e-6.  A solution exists if no target is positive.
+    Without a solution, velocity and forces are 0.
 
     `normal, tangent` (m, ndim): ``n . J`` and ``t . J`` of the m contacts, for the normals ``n``, tangents ``t`` and
     the Jacobian ``J`` of the touched point; `target` (m,): least rates at which the gaps must grow, in m/s; `velocity`
@@ -88,9 +88,9 @@ def _solution(rows: Vector, give: Vector, cone: Vector, offset: Vector) -> Vecto
     """Return ``z`` (u,) with ``z >= 0, w = M z + q >= 0, z . w = 0`` for ``M = rows give^T + cone``, or None.
 
     None means that no solution was found.  Iterative refinement uses the factors of ``M``, because contacts that almost
-    face each other give ``M = N A N^T`` the squared condition number of ``N``.  `rows` (u, ndim): scaled contact
-    Jacobian; `give` (u, ndim): its product with the admittance; `cone` (u, u): conditions of the friction cones;
-    `offset` (u,): ``q``.
+    face each other give ``M = N A N^T`` the squared condition number of ``N``.  `rows` (u, ndim): contact Jacobian,
+    one row per unknown, scaled so that a unit force gives a unit velocity, and 0 for slips; `give` (u, ndim): `rows`
+    times the admittance; `cone` (u, u): conditions of the friction cones; `offset` (u,): ``q``.
     """
     size, z, w = len(offset), np.zeros(len(offset)), offset.copy()
     if w.min(initial=0.0) >= 0.0:

@@ -150,7 +150,8 @@ def near_points(pose: Pose, solid: ObstacleArrays, reach: float, pairs: Pairs) -
 
     `pose`: segments of the robot in the workspace; `solid`: obstacles; `reach`: largest gap of a pair, in metres;
     `pairs`: output array of records with the points, directions, gap and owners of a pair
-    (`resgrid.control.plant.PAIR`), filled from its start; pairs beyond its length are dropped.
+    (`resgrid.control.plant.PAIR`), filled from its start.  A result equal to its length means that some pairs may be
+    missing.
     """
     count, segments, radius, part = 0, pose.segments, pose.radius, pose.part
     edges, edge_before, discs, planes = solid.edges, solid.edge_before, solid.discs, solid.half_planes
@@ -235,7 +236,7 @@ def _time_to_zero(height: float, rate: float, bend: float) -> float:
 
 @inner
 def _time_beyond(nx: float, ny: float, segment: Floats, moves: Floats, top: float) -> float:
-    """Return a time for which both ends of a moving segment stay beyond the line ``n . x = top``.
+    """Return a time up to which both ends of a moving segment provably have ``n . x >= top``; infinite if always.
 
     The unit of time is the duration of the motion, so that a rate is the change over the whole motion.  `nx, ny`: unit
     normal ``n`` of the line; `segment` (4,): ends ``ax, ay, bx, by``, in metres; `moves` (7,): rates of these
@@ -248,12 +249,12 @@ def _time_beyond(nx: float, ny: float, segment: Floats, moves: Floats, top: floa
 
 @inner
 def _time_beside(px: float, py: float, qx: float, qy: float, segment: Floats, moves: Floats, keep: float) -> float:
-    """Return a time for which two fixed points stay on one side of the line of a moving segment.
+    """Return a time up to which two fixed points provably stay on one side of the line of a moving segment.
 
-    The points keep a distance of `keep` metres from the line.  The unit of time is the duration of the motion, so that
-    a rate is the change over the whole motion.  `px, py, qx, qy`: the points, in metres; `segment` (4,): ends ``ax, ay,
-    bx, by``, in metres; `moves` (7,): rates of these coordinates in metres (4), bounds on the accelerations of both
-    ends (2), turning rate in radians.
+    The points keep a distance of `keep` metres from the line.  The result is 0 for a segment of length 0.  The unit of
+    time is the duration of the motion, so that a rate is the change over the whole motion.  `px, py, qx, qy`: the
+    points, in metres; `segment` (4,): ends ``ax, ay, bx, by``, in metres; `moves` (7,): rates of these coordinates in
+    metres (4), bounds on the accelerations of both ends (2), turning rate in radians.
     """
     dx, dy = segment[2] - segment[0], segment[3] - segment[1]
     length = math.hypot(dx, dy)
@@ -295,12 +296,12 @@ def _distance(segment: Floats, edge: Floats) -> tuple[float, float, float]:
 
 @inner
 def _time_clear_of_edge(segment: Floats, moves: Floats, edge: Floats, keep: float) -> float:
-    """Return a fraction (0 to 1) of the motion up to which a line separates a moving segment from a fixed edge.
+    """Return a time up to which a line provably separates a moving segment from a fixed edge.
 
-    The unit of time is the duration of the motion, so that a rate is the change over the whole motion.  `segment` (4,):
-    ends ``ax, ay, bx, by``, in metres; `moves` (7,): rates of these coordinates in metres (4), bounds on the
-    accelerations of both ends (2), turning rate in radians; `edge` (4,): ends of the edge, equal for a point, in
-    metres; `keep`: distance to keep, in metres.
+    The unit of time is the duration of the motion, so that a rate is the change over the whole motion, and a result of
+    1 or more stands for the whole motion.  `segment` (4,): ends ``ax, ay, bx, by``, in metres; `moves` (7,): rates of
+    these coordinates in metres (4), bounds on the accelerations of both ends (2), turning rate in radians; `edge` (4,):
+    ends of the edge, equal for a point, in metres; `keep`: distance to keep, in metres.
     """
     ax, ay, bx, by = edge
     apart, nx, ny = _distance(segment, edge)

@@ -37,10 +37,10 @@ class Nominal(NamedTuple):
 
     `place`: "free" (free cell with a path to a goal), "goal" (goal cell) or "off" (no path or no current); `velocity`
     (n,): the term ``V0`` of ``V = V0 + A F``, per second, in the coordinates in which the configuration was given
-    (world or axis coordinates): along the current in a free cell; 0 in a goal cell; "off": 0, or towards the nearest
-    cell with a path; `longest`: maximum duration of a straight step at this velocity, in seconds, infinite except in a
-    free cell.  The step ends just across the next cell face with outward current, or half way to a zero of a velocity
-    component: it enters no cell that no current enters.
+    (world or axis coordinates): along the current in a free cell; 0 in a goal cell; "off": 0 from `Controller.seen`,
+    otherwise towards the nearest cell with a path; `longest`: maximum duration of a straight step at this velocity, in
+    seconds, infinite except in a free cell.  The step ends just across the next cell face with outward current, or half
+    way to a zero of a velocity component: it enters no cell that no current enters.
     """
 
     place: str
@@ -72,7 +72,8 @@ class Controller:
         Response to a force: ``V0 + A F``, or motion along the equipotential (equation 1 of the paper) while the force
         lasts.
     threshold : float
-        Length of the generalised force, in the unit of the force, above which ``"equipotential"`` responds.
+        Length of the generalised force, in the unit of the force, above which the response ``"equipotential"`` follows
+        the equipotential; up to it the velocity is ``V0 + A F``.
     masks : tuple of Mask
         Masks whose speed limits apply at the measured configuration: percentages of `speed`, or absolute speeds in the
         plane.
@@ -122,8 +123,8 @@ class Controller:
         Raises
         ------
         InputError
-            If a value is not finite or has another shape, the configuration lies outside the grid, or it lies more than
-            `RECOVERY` cells from every cell with a path to a goal.
+            If a value is not finite or has another shape, the configuration lies outside the grid, it lies more than
+            `RECOVERY` cells from every cell with a path to a goal, or no current flows in its cell with a path.
         """
         velocity = self.axis_nominal(self._along_axes(configuration)).velocity
         if force is not None:
@@ -218,7 +219,7 @@ class Controller:
 
     @cached_property
     def _zones(self) -> SpeedZones | None:
-        """The speed limits of the masks; None if no mask limits the speed."""
+        """The speed limits of the masks by place, as fraction of `speed` or absolute; None if no mask has a limit."""
         return speed_zones(self.masks)
 
     def with_field(self, field: Field) -> Controller:
@@ -271,7 +272,7 @@ class Controller:
         """Return the velocity (n,) at nominal speed, in axis coordinates, towards the nearest cell with a path.
 
         `point` (n,): configuration in axis coordinates.  Raises InputError if no such cell is within `RECOVERY` (2)
-        cells.
+        cells, or if the point's own cell has a path but no current.
         """
         space = self.field.space
         cell = tuple(space.split(point)[0].tolist())

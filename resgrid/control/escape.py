@@ -18,8 +18,9 @@ Vector = NDArray[np.float64]
 CellIndex = tuple[int, ...]
 
 RECOVERY = 2.0
-"""Largest distance, in cells, from a configuration in a cell without a path to a goal to a cell with a path that the
-robot may move to in a straight line.
+"""Largest distance of a straight way out of a cell without a path to a goal into a cell with a path.
+
+The distance is the Euclidean norm of the difference of the two cell indices.
 """
 
 _INSIDE = 2e-9
@@ -65,10 +66,11 @@ def goal_offsets(space: ConfigurationSpace, place: Vector, *, sure: bool = True)
 
 
 def exits(space: ConfigurationSpace, place: Vector) -> list[tuple[CellIndex, Vector]]:
-    """Return the cells with a path to a goal within `RECOVERY` (2) cells of a point, nearest first.
+    """Return the cells with a path to a goal within `RECOVERY` (2) cells of a point's cell, nearest first.
 
-    Each entry is the index of a cell and the offset (ndim,) from the point to the centre of the cell, in axis units.
-    The cell of the point is left out.  `place` (ndim,): the point, in axis coordinates.
+    Each entry is the index of a cell and the offset (ndim,) from the point to the centre of the cell, in axis units;
+    the order is by its length in cells.  Goal cells count; the cell of the point is left out.  `place` (ndim,): the
+    point, in axis coordinates.
     """
     cell, local = space.split(place)
     most = int(RECOVERY)

@@ -64,7 +64,7 @@ class ExternalForce:
 def random_forces(
     seed: Natural, ndim: Count, *, until: NotNegative, size: float, duration: Positive, count: Natural = 8
 ) -> list[ExternalForce]:
-    """Return forces at random times in random directions.
+    """Return forces in random directions, with start times distributed uniformly from 0 to `until`.
 
     Parameters
     ----------
@@ -107,9 +107,9 @@ def random_forces(
 def control_pushes(control: Control, seed: int, space: ConfigurationSpace, speed: float) -> list[ExternalForce]:
     """Return the external forces of a ``[control]`` table of a scene: the listed ones, then the random ones.
 
-    Random forces start within the time in which the robot could move along the whole longest axis.  `control`: the
-    table; `seed`: seed of the random forces; `space`: gives the axes; `speed`: nominal speed, in world coordinates per
-    second.
+    Random forces start within the time in which the robot could move along the whole longest axis, and each lasts a
+    twentieth of this time.  `control`: the table; `seed`: seed of the random forces; `space`: gives the axes; `speed`:
+    nominal speed, in world coordinates per second.
     """
     pushes = [ExternalForce(start, duration, np.array(force)) for start, duration, *force in control.push]
     until = float((space.upper - space.lower).max()) / speed

@@ -46,8 +46,8 @@ def _distance(scene: Scene, space: ConfigurationSpace, goal: Goal, configuration
     """Return the distance of a configuration from one goal of a scene; 0 inside the goal.
 
     For a goal in the workspace it is the distance of the robot's reference point in metres, else a distance between
-    configurations in axis units.  `scene, space`: robot and frame, and axes; `goal`: a shape, point, cell, joint ranges
-    or pose; `configuration` (ndim,): in axis coordinates.
+    configurations in axis units.  `scene`: gives the robot; `space`: map, with axes and frame; `goal`: a shape, point,
+    cell or joint ranges; a tool pose raises InputError; `configuration` (ndim,): in axis coordinates.
     """
     robot, frame, width = scene.robot, space.frame, space.spacing
     match goal:
@@ -78,8 +78,8 @@ def _from_tolerant_pose(
 ) -> float:
     """Return the distance of a configuration from a goal configuration with a tolerance, in axis units.
 
-    The distance is 0 inside the goal.  `place`: goal configuration in axis coordinates; `tolerance`: largest distance
-    of the first two coordinates from those of the goal, or of all coordinates for a robot that moves in the workspace;
+    The distance is 0 inside the goal.  `place`: goal configuration in axis coordinates; `tolerance`: largest Euclidean
+    distance from the goal in the first two coordinates, or in all coordinates for a robot that moves in the workspace;
     other coordinates have no tolerance; `configuration` (ndim,): in axis coordinates.
     """
     gap = np.array(place) - _wrapped(space, configuration)

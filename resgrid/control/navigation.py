@@ -201,7 +201,8 @@ class Navigator:
         """Discard the target of a straight motion after a step without progress.
 
         The target is a cell or, on the way back along the passed configurations (the trail), the last one of these.
-        `mode`: kind of motion of the step; `configuration` (ndim,): present true configuration, in axis coordinates.
+        `mode`: kind of motion of the step; `configuration` (ndim,): present true configuration, in axis coordinates,
+        passed to `give_up_exit`.
         """
         if self.exit is not None:
             self.give_up_exit(configuration)
@@ -211,7 +212,8 @@ class Navigator:
     def give_up_exit(self, configuration: Vector) -> None:
         """Mark the exit, the cell to which the robot moves in a straight line, as unreachable.
 
-        `configuration` (ndim,): present true configuration, in axis coordinates.
+        If no passed configuration has a path, stall detection restarts at `configuration` (ndim,), the present true
+        configuration in axis coordinates.
         """
         assert self.exit is not None
         self._tried.add(self.exit)
@@ -233,10 +235,11 @@ class Navigator:
             self._trail.append(before)
 
     def learnt(self, configuration: Vector) -> End | None:
-        """Respond to new obstacle cells of the map; return the end of the run, or None if the run continues.
+        """Forget the exit and the unreachable cells after a map update; return the end of the run, or None.
 
         The run continues if some configuration that the robot has passed, or the present one, lies in a cell with a
-        path to a goal or near such a cell.  `configuration` (ndim,): present true configuration, in axis coordinates.
+        path to a goal or within 2 cells of such a cell.  `configuration` (ndim,): present true configuration, in axis
+        coordinates.
         """
         self._tried, self.exit = set(), None
         space = self._live.space

@@ -137,9 +137,10 @@ class Plant:
     def proven_cells(self, point: ArrayLike) -> NDArray[np.bool_]:
         """Return the mask of the cells that the conservative rule blocks for one workspace point, shape of the space.
 
-        The rule blocks a cell if the robot may touch the point at any configuration in the cell.  If the point (2,), in
-        metres, belongs to an obstacle, each of these cells is an obstacle cell by that rule.  A contact at the point
-        proves nothing about other cells (Connolly & Grupen 1992, section 7, figure 19).
+        The rule blocks a cell if the robot may touch the point at any configuration in the cell.  If the point belongs
+        to an obstacle, each of these cells is an obstacle cell by that rule.  A contact at the point proves nothing
+        about other cells (Connolly & Grupen 1992, section 7, figure 19).  Cells of `self_blocked` are left out.
+        `point` (2,): in axis coordinates of the workspace, in metres.
         """
         place = tuple(np.asarray(point, dtype=np.float64).tolist())
         return self.robot.occupancy(self.axes, [Ball(place, 0.0)], "conservative") & ~self.self_blocked

@@ -48,7 +48,7 @@ _SETTLED = 1e-6
 """
 
 _DIRECT = 100_000
-"""Maximum number of unknowns (circuit nodes without a source) for which the direct solver is used."""
+"""Maximum number of unknowns (circuit nodes without a source) for the direct solver; beyond it the solver is "auto"."""
 
 Vector = NDArray[np.float64]
 
@@ -169,7 +169,7 @@ class _SettlingCircuit:
 
     @property
     def final_voltage(self) -> Vector:
-        """Node voltages after settling, shape (nodes,), in volts."""
+        """Node voltages after settling, shape (nodes,), in volts; NaN where a node floats."""
         return self._dynamics.voltage(self._final)
 
     def per_cell(self) -> Vector:
@@ -220,7 +220,7 @@ def _stepping(dynamics: Dynamics, relaxation: Relaxation, solver: Solver) -> Cal
 
 
 def _compiled(wiring: Wiring, space: ConfigurationSpace) -> Netlist:
-    """Return a netlist with resistors of 1 ohm and 1 farad at every free node, so that the time unit is ``R C``.
+    """Return a netlist with resistors of 1 ohm, and 1 farad from each free node to ground: the time unit is ``R C``.
 
     The obstacle rail has 0 V and the goal rail 1 V; in a circuit with a drive the goal rail has 0 V.  `wiring`: rules
     that turn the space into a circuit; `space`: the map.

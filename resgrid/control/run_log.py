@@ -74,8 +74,8 @@ class TerminationReason(StrEnum):
     truth; ``no_path``: obstacle cells separate the start from every goal; ``no_current``: no current flows in the
     robot's cell, although a path leads to a goal; ``goal_blocked``, ``start_blocked``: obstacles cover every goal, or
     the start; ``jam``: the contact force lies along the streamline, so that the robot cannot evade; ``stalled``: the
-    robot stays within half a cell; ``out_of_steps``: the maximum number of steps was taken; ``entered``: the robot
-    penetrated an obstacle.
+    robot stays within half a cell, or has waited too long for a grid to settle; ``out_of_steps``: the maximum number of
+    steps was taken; ``entered``: the robot penetrated an obstacle.
 
     Examples
     --------

@@ -61,7 +61,7 @@ class Simulation:
     space : ConfigurationSpace
         The map of the robot at the start of a run.
     margin : float
-        Gap between robot and obstacle at which the robot is in contact, in metres.
+        Gap between robot and obstacle at which a contact begins, in metres.
 
     Examples
     --------
@@ -87,7 +87,7 @@ class Simulation:
 
     @property
     def margin(self) -> float:
-        """Gap between robot and obstacle at which the robot is in contact, in metres."""
+        """Gap between robot and obstacle at which a contact begins, in metres."""
         return MARGIN * self.plant.cell_motion
 
     def run(
@@ -207,7 +207,7 @@ class Simulation:
 
 
 MARGIN = 5e-3
-"""Gap up to which the robot is in contact, as a fraction of `Plant.cell_motion` (the robot's motion across a cell)."""
+"""Gap at which a contact begins, as a fraction of `Plant.cell_motion` (the robot's largest motion across a cell)."""
 
 
 def simulation(
@@ -260,6 +260,7 @@ def simulation(
     Returns
     -------
     Simulation
+        Controller and plant; its method `run` simulates a motion from a start.
 
     Raises
     ------

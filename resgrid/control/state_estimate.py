@@ -32,7 +32,7 @@ class Sensor:
         return not (self.bias.any() or self.noise.any())
 
     def believed(self, configurations: Vector) -> Vector:
-        """Return the noise-free measurements of `configurations` (..., ndim), in the same shape.
+        """Return measurements of `configurations` (..., ndim) with the bias and without noise, in the same shape.
 
         Measurements and configurations are in axis coordinates; the result is clipped to the mechanical stops.
         """
@@ -64,7 +64,10 @@ class LiveMap:
         return self.space.spacing
 
     def read(self, time: float) -> None:
-        """Let the grid settle until `time`, in seconds since the start of the run, and update the field."""
+        """Let the grid settle until `time`, in seconds since the start of the run, and update the field.
+
+        Without effect if the field is solved at once (no grid).
+        """
         if self.grid is None:
             return
         crossed = (time - self._read_at) * self.controller.speed / float(self.spacing.min())

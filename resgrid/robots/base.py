@@ -294,8 +294,9 @@ class Robot(ABC):
     ) -> CellClasses:
         """Return the blocked cells, and, if the robot distinguishes them, those of which nothing is proven.
 
-        By default these are the cells of `occupancy`, without undecided ones.  `executor`: executor that shares the
-        work, for robots that can use one; None for this process; the other parameters are those of `occupancy`.
+        By default these are the cells of `occupancy`, and `CellClasses.undecided` is None.  `axes`, `obstacles`,
+        `rule`, `progress`: parameters of `occupancy`; `executor`: executor that shares the work, for robots that can
+        use one; None for this process.
         """
         return CellClasses(self.occupancy(axes, obstacles, rule, progress))
 

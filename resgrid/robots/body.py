@@ -102,7 +102,7 @@ def _length(shape: Cylinder | Capsule) -> float:
 def axis_pose(start: ArrayLike, end: ArrayLike) -> NDArray[np.float64]:
     """Return the pose (4, 4) with the origin in the middle of a segment, and the z axis from its start to its end.
 
-    `start, end` (3,): different ends of the segment, in metres.
+    The direction of the x axis is arbitrary.  `start, end` (3,): different ends of the segment, in metres.
     """
     low, high = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
     return rigid_pose((low + high) / 2, _frame_along((high - low) / np.linalg.norm(high - low)))

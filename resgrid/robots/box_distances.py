@@ -40,8 +40,8 @@ def distance_from_boxes(
 ) -> NDArray[np.float64]:
     """Return the distance from every cell's box, or centre, to the nearest marked box; shape of `mask`, in axis units.
 
-    `mask`: marked cells of a grid; `spacing` (ndim,): cell widths; `rule`: ``"conservative"`` to measure from the box
-    of a cell, ``"centre"`` to measure from its centre.
+    `mask`: marked cells of a grid, at least one; `spacing` (ndim,): cell widths; `rule`: ``"conservative"`` to measure
+    from the box of a cell, ``"centre"`` to measure from its centre.
     Along an axis, the gap of two boxes with index difference ``d`` is ``max(|d| - 1, 0)`` cells, which is the distance
     of ``d`` from the set ``{-1, 0, 1}``.  So the distance is a Euclidean distance transform of the mask dilated by one
     cell.  The gap of a centre and a box is ``max(|d| - 1/2, 0)``: the same transform on a grid of half the spacing.

@@ -148,7 +148,8 @@ def _clip(index: float, cells: int) -> int:
 def _near_round(shape: Box | Ball, centres: Grids, half: Sequence[float], reach: float) -> NDArray[np.bool_]:
     """Return the mask, shape of a block of cells, of cells whose tested box is within a distance of a box or ball.
 
-    `centres`: coordinates of the boxes' centres; `half` (ndim,): half their widths; `reach`: distance, in axis units.
+    `centres`: cell centres; `half` (ndim,): half the widths of the box that is tested in place of a cell,
+    0 to test only the centre; `reach`: distance; lengths are in axis units.
     """
     lower, upper = (shape.centre, shape.centre) if isinstance(shape, Ball) else shape.bounds
     within = reach + shape.radius if isinstance(shape, Ball) else reach
@@ -162,7 +163,8 @@ def _near_round(shape: Box | Ball, centres: Grids, half: Sequence[float], reach:
 def near_half_space(shape: HalfSpace, centres: Grids, half: Sequence[float], reach: float) -> NDArray[np.bool_]:
     """Return the mask, shape of a block of cells, of cells whose tested box is within a distance of a half-space.
 
-    `centres`: coordinates of the boxes' centres; `half` (ndim,): half their widths; `reach`: distance, in axis units.
+    `centres`: cell centres; `half` (ndim,): half the widths of the box that is tested in place of a cell,
+    0 to test only the centre; `reach`: distance; lengths are in axis units.
     """
     smallest = np.zeros((1,) * len(half))
     for centre, side, component in zip(centres, half, shape.normal, strict=True):

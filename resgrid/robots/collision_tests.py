@@ -67,7 +67,8 @@ class PlanarTest(CollisionTest):
     def first_hit(self, configurations: NDArray[np.float64]) -> Hit | None:
         """Return the first collision among configurations (n, ndim), in their order; None without a collision.
 
-        Bodies that touch, to within 1e-9 of the lengths, do not collide.
+        Bodies that touch do not collide, nor do round bodies and half-planes that are entered by at most 1e-9 of the
+        sum of 1 m and the radii (`TOUCH`).
         """
         hits = [
             Hit(int(np.argmax(hit)), number, obstacle.number)

@@ -275,13 +275,13 @@ def _volume(piece: ConvexPiece) -> float:
 
 
 def _mesh_volume(corners: NDArray[np.float64]) -> float:
-    """Return the volume in cubic metres inside a closed and oriented surface of triangles (t, 3, 3)."""
+    """Return the volume in cubic metres, not negative, inside a closed, oriented surface of triangles (t, 3, 3)."""
     a, b, c = np.moveaxis(corners - corners.mean(axis=(0, 1)), 1, 0)
     return abs(float(np.einsum("tk,tk->", a, np.cross(b, c)))) / 6
 
 
 def _check_cover(points: NDArray[np.float64], cover: tuple[ConvexPiece, ...]) -> None:
-    """Raise AssertionError unless every vertex (v, 3) lies in a piece, apart from rounding errors."""
+    """Raise AssertionError unless every vertex (v, 3) lies within 1e-9 m of a piece."""
     gaps = np.min([distances(points, facets_of(piece.points)) - piece.radius for piece in cover], axis=0)
     if gaps.max() > 1e-9:
         raise AssertionError(f"a vertex lies {gaps.max()} m outside the convex cover")

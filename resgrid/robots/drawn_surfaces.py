@@ -31,7 +31,7 @@ The three numbers in a row of `_CORNERS` select the lower (0) or the upper (1) c
 """
 
 Triangles = tuple[NDArray[np.float64], NDArray[np.int64]]
-"""Points (v, 3) and triangles (t, 3)."""
+"""Points (v, 3), and triangles (t, 3) as indices of points."""
 
 
 def triangles_of(shape: Shape, within: Bounds | None = None) -> Triangles:  # noqa: PLR0911

@@ -155,8 +155,8 @@ class ObstacleArrays(NamedTuple):
     `edges` (e, 4): ``x0, y0, x1, y1``, polygon by polygon, with the solid on the left; `edge_before` (e,): index of the
     preceding edge in the ring; `first_edge` (p + 1,): index of each polygon's first edge, followed by the number e of
     edges; `bounds` (p, 4): smallest ``x, y`` and largest ``x, y`` of each polygon; `discs` (d, 3): centre and radius;
-    `half_planes` (h, 3): unit normal out of the solid, and offset; `edge_owner` (e,), `disc_owner` (d,),
-    `half_plane_owner` (h,): index of the obstacle that the edge, disc or half-plane belongs to.
+    `half_planes` (h, 3): unit normal ``n`` out of the solid ``n @ x <= d``, and ``d``; `edge_owner` (e,), `disc_owner`
+    (d,), `half_plane_owner` (h,): index of the obstacle that the edge, disc or half-plane belongs to.
     """
 
     edges: NDArray[np.float64]

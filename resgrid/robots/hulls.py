@@ -167,8 +167,8 @@ def _simplified(hull: Facets, tolerance: float) -> Facets:
     """Return a hull of fewer corners, from which every corner of `hull` is at most `tolerance` metres away.
 
     With 96 or more retained corners, ten times the tolerance is accepted. The hull begins with the extreme corners in
-    26 directions; every step adds, for each face, the corner of `hull` that lies farthest outside, if its distance is
-    among the largest. A flat hull is returned unchanged.
+    26 directions; every step adds, for each face, the corner of `hull` that lies farthest outside, if its distance
+    exceeds `_BATCH` (0.9) of the largest one. A flat hull is returned unchanged.
     """
     if not len(hull.planes):
         return hull

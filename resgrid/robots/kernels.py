@@ -24,7 +24,7 @@ Flags = NDArray[np.bool_]
 def segment_parameter(px: float, py: float, ax: float, ay: float, bx: float, by: float) -> float:
     """Return the parameter of the point on the segment from a to b that is nearest to the point p: 0 at a, 1 at b.
 
-    `px, py, ax, ay, bx, by`: coordinates of the three points.
+    `px, py, ax, ay, bx, by`: coordinates of the three points.  The result is 0 if a equals b.
     """
     dx, dy = bx - ax, by - ay
     squared = dx * dx + dy * dy
@@ -184,11 +184,11 @@ def mark_link(
     """Mark the cells of joints ``0 .. link`` in which link number `link` may hit an obstacle or an earlier link.
 
     A cell in which the link may collide, but does not at the centre, is subdivided once into ``parts`` parts per joint.
-    Cells that are marked already are skipped.
-    `out` (product of counts[:link + 1],): flat mask; `first, last`: range of cells to test; `counts` (n,): number of
-    cells per joint; `centres` (n, max(counts)): joint angles of cell centres; `widths` (n,): cell widths in radians;
-    `links`: the arm; `self_collision`: whether links are tested against each other; `slack`: bound on the rounding
-    error of distances, in metres; `solids`: the obstacles.
+    Cells that are marked already are skipped. `out` (product of counts[:link + 1],): flat mask in C order; `first,
+    last`: the cells ``first .. last - 1`` of `out` are tested; `counts` (n,): number of cells per joint; `centres` (n,
+    max(counts)): joint angles of cell centres; `widths` (n,): cell widths in radians; `links`: the arm;
+    `self_collision`: whether links are tested against each other; `slack`: bound on the rounding error of distances, in
+    metres; `solids`: the obstacles.
     """
     joints = np.empty((link + 2, 2))
     middle, angles, scratch = np.empty(link + 1), np.empty(link + 1), np.zeros(link + 1)

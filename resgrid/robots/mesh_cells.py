@@ -33,8 +33,8 @@ def near_mesh(
 
     The result is exact up to rounding: a box is left out if a plane separates it from every triangle by more than
     `reach`.
-    `grids`: coordinates of the boxes' centres; `half` (3,): half their widths; `reach`: distance; `spacing` (3,):
-    distances between centres; all in axis units.
+    `grids`: cell centres; `half` (3,): half the widths of the box that is tested in place of a cell, 0 to
+    test only the centre; `reach`: distance; `spacing` (3,): distances between centres; all in axis units.
     """
     lines = [np.asarray(grid).reshape(-1) for grid in grids]
     side = np.asarray(half, dtype=np.float64)

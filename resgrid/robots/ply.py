@@ -20,8 +20,9 @@ _PROPERTY = re.compile(rb"^property\s.*?(\S+)\s*?$", re.MULTILINE)
 
 
 def check_ply(data: bytes, name: str) -> None:
-    """Raise InputError for the bytes of a PLY file that is visibly cut short, or whose vertices lack a coordinate.
+    """Raise InputError for the bytes of a PLY file that is cut short, or whose vertices lack a coordinate.
 
+    A file is cut short without the end of its header, or if it is text with fewer lines than the header declares.
     `name`: name of the file in messages.
 
     trimesh checks the length of binary files only: from the text of a file that is cut short it would read a part.

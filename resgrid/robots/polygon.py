@@ -43,9 +43,10 @@ class PolygonRobot(Robot):
     Parameters
     ----------
     vertices : tuple of (float, float)
-        Corners of a simple polygon, clockwise or anticlockwise; the reference point is the origin.
+        Corners of a simple polygon at angle 0, in metres, clockwise or anticlockwise; the reference point is the
+        origin.
     turning_length : float
-        Length that corresponds to a rotation by one radian, above 0.
+        Length in metres that corresponds to a rotation by one radian, above 0.
 
     Raises
     ------
@@ -151,8 +152,8 @@ class _PlaneObstacle:
     """An obstacle for Minkowski sums with a polygon: an area dilated by a radius, or a half-plane.
 
     `edges` (e, 4): boundary of the area as edges ``x0, y0, x1, y1``, for a disc one edge of length 0 at the centre;
-    `inner_points` (p, 2): one point of every connected piece of the area; `radius`: dilation of the area, in metres;
-    `half_plane`: None for an area.
+    `inner_points` (p, 2): one point, inside or on the border, of every connected piece of the area; `radius`: dilation
+    of the area, in metres; `half_plane`: None for an area.
     """
 
     edges: NDArray[np.float64]

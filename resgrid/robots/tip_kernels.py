@@ -56,7 +56,8 @@ def _piece_distance(x: float, y: float, piece: int, goal: ObstacleArrays) -> tup
     """Return the distance of (x, y) from a convex piece of a region, the unit vector away from the piece, and a flag.
 
     The result is ``distance, ux, uy, is_point``.  The distance, in metres, is negative inside a disc or half-plane.
-    The flag is True if the piece acts as a point: the nearest place is the end of an edge, or the disc is tiny.
+    The flag is True if the piece acts as a point: the nearest place is the end of an edge, (x, y) lies on the edge or
+    at the centre of the disc, or the radius of the disc is at most a thousandth of the distance from its centre.
     `piece`: index; the pieces are the edges of polygons, the discs and the half-planes of `goal`, in this order.
     """
     edges, discs = len(goal.edges), len(goal.discs)
@@ -94,7 +95,7 @@ def _place_tip(work: _SearchArrays, links: ArmLinks) -> None:
 
 @inner
 def _newton_step(work: _SearchArrays, rx: float, ry: float, flat: bool) -> None:
-    """Add to ``work.at`` the least-norm joint step whose linearized tip motion is ``(rx, ry)``, within the cell.
+    """Add to ``work.at`` the least-norm joint step whose linearized tip motion is ``(rx, ry)``, in metres.
 
     With `flat`, only the component of the tip motion along ``(rx, ry)`` is prescribed, e.g. for a straight border.  A
     joint at a limit of the cell that would move beyond it is held, and the step is recomputed for the other joints.

@@ -16,9 +16,9 @@ DIRECTIONS = tuple((axis, sign) for axis in range(3) for sign in (-1, 1))
 """Directions of faces: number of the axis, and -1 or 1 for the lower or the upper face of a solid cell."""
 
 _CLOSED = 0.5
-"""Fraction of obstacle cells, in the outermost layer at a side of the grid, from which on the side is closed.
+"""Fraction of solid cells, in the outermost layer at a side of the grid, from which on the side is closed.
 
-Cells at a closed side have no face to the outside; at other sides the obstacle cells of the layer have one.
+Cells at a closed side have no face to the outside; at other sides the solid cells of the layer have one.
 """
 
 _MOST_CELLS = 200
@@ -26,14 +26,14 @@ _MOST_CELLS = 200
 
 
 def is_voxel_world(space: ConfigurationSpace) -> bool:
-    """Return whether a space has the axes x, y and z, none of them periodic and in one unit, of a point or a ball."""
+    """Return whether a space has three axes of one unit, none periodic, that are positions (of a point or a ball)."""
     units = {axis.unit for axis in space.axes}
     moves = space.robot is None or space.robot.moves_in_workspace
     return space.ndim == 3 and moves and len(units) == 1 and not any(space.periodic)
 
 
 class Faces(NamedTuple):
-    """Rectangles in space between solid cells and cells of air (cells whose surroundings are drawn).
+    """Rectangles in space between solid cells and cells of air (cells whose solid neighbours are drawn).
 
     `corners` (n, 4, 3): anticlockwise seen from the air, in axis units; `plane` (n,): a number for each direction and
     plane, equal for rectangles that lie in one plane and face the same direction.
@@ -56,7 +56,7 @@ def faces_between(
     *,
     merge: bool = False,
 ) -> Faces:
-    """Return the faces of solid cells that border on air (cells whose surroundings are drawn).
+    """Return the faces of solid cells that border on air (cells whose solid neighbours are drawn).
 
     `solid`, `air`: masks of the cells of a grid with three axes; `axes`: axes of the grid; `directions`: entries of
     `DIRECTIONS`, the faces of solid cells that are considered; `merge`: whether adjacent faces in a horizontal row
@@ -97,8 +97,9 @@ def _rectangles(
 ) -> NDArray[np.float64]:
     """Return the corners (n, 4, 3) of rectangles normal to an axis, anticlockwise seen from the air.
 
-    `index` (n, 3, 2): numbers of the first and the last border along each axis; `edges`: coordinates of the borders
-    between cells along each axis; `axis`: number of the axis; `sign`: 1 if the air lies at larger coordinates, else -1.
+    `index` (n, 3, 2): numbers of the first and the last border along each axis, along `axis` only the first is used;
+    `edges`: coordinates of the borders between cells along each axis; `axis`: number of the axis; `sign`: 1 if the air
+    lies at larger coordinates, else -1.
     """
     u, v = ((axis + 1) % 3, (axis + 2) % 3) if sign > 0 else ((axis + 2) % 3, (axis + 1) % 3)
     corners = np.empty((len(index), 4, 3))

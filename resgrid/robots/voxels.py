@@ -129,7 +129,7 @@ def _distinct(cells: NDArray[np.int64]) -> NDArray[np.int64]:
 def merge_boxes(boxes: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return few disjoint boxes with the same union as disjoint boxes.
 
-    Boxes with a common face are joined greedily, along one axis after the other, until no two can be joined.  The
+    Boxes that share a whole face are joined greedily, along one axis after the other, until no two can be joined.  The
     result with the fewest boxes among all orders of the axes is returned; more than `MAX_TRIED` boxes are joined in the
     order z, y, x only.
     `boxes` (b, 2, 3): first index of every box, and the index after the last, along x, y and z.

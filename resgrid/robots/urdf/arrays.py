@@ -27,7 +27,10 @@ Proofs for a loose body start with its pieces; proofs for other bodies start wit
 
 
 BALL_STEPS = 50
-"""Number of steps of the search for a small ball around a piece with more than 8 points; others get no step."""
+"""Number of steps of the search for a small ball around a piece with more than 8 points.
+
+The ball around a smaller piece is centred in the piece's bounding box.
+"""
 
 
 class TreeArrays(NamedTuple):

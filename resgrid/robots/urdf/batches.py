@@ -107,7 +107,8 @@ class Batch:
     def halve(self, weight: Floats) -> Batch:
         """Return the two halves of every box: first all lower halves, then all upper halves.
 
-        A box is cut in the middle of the joint with its largest weight. `weight` (n, m): displacement by every joint.
+        A box is cut in the middle of the joint with its largest weight. `weight` (n, m): displacement, in metres, by
+        every joint, of the pieces of the box's item with the smallest bound.
         """
         count = len(self)
         rows, joint = np.arange(count), weight.argmax(axis=1)
@@ -121,7 +122,7 @@ class Batch:
         """Return two parts of every box of several cells, cut between cells: first all lower parts, then the others.
 
         The cut lies along the joint with the largest weight, among those with at least two cells. `weight` (n, m):
-        displacement by every joint.
+        displacement, in metres, by every joint, of the pieces of the box's item with the smallest bound.
         """
         count, size = len(self), self.high - self.low
         rows, axis = np.arange(count), np.where(size > 1, weight[:, list(group.joints)], -1.0).argmax(axis=1)

@@ -21,7 +21,7 @@ therefore at least the minimum over its points of::
 
 This is a concave function of n: the support function of the sum of p, of an arc for every joint, and of balls.  The
 algorithm of Gilbert, Johnson and Keerthi (1988) finds the direction n with the largest gap between the swept sets of
-both pieces.  Any n proves that the pieces stay apart if the gap is positive, whatever the algorithm loses on the way.
+both pieces.  Any n with a positive gap proves that the pieces stay apart, even if the search found no better n.
 """
 
 from __future__ import annotations
@@ -70,9 +70,10 @@ class Sweep(NamedTuple):
     radians or metres; `cosine, sine` (2, K): cosine and sine of this angle, at most pi; `chord` (2, K): largest
     displacement of a point per metre of distance from the axis, for a prismatic joint in metres; `turn` (2, K): ``2
     sin(t / 2)``, with ``t`` the sum of the angles of the joints before; `ball` (2, V): for every point of the piece,
-    the sum over joints of turn times displacement, in metres; `level` (V,): work array, height of every point along a
-    direction; `point` (2, 3): lowest point of the swept piece along the last direction, in the world, in metres;
-    `vertex` (2,): index in `TreeArrays.x` of the vertex that moves to this point.
+    the sum over joints of turn times displacement, in metres, with V the largest number of points of a piece; `level`
+    (V,): work array, height of every point along a direction; `point` (2, 3): lowest point of the swept piece along the
+    last direction, in the world, in metres; `vertex` (2,): index in `TreeArrays.x` of the vertex that moves to this
+    point.
     """
 
     piece: Integers

@@ -170,7 +170,7 @@ def _add_weights(side: int, weight: Floats, tree: TreeArrays, work: Work) -> Non
 
 @inner
 def _weigh(item: Integers, best: Floats, weight: Floats, tree: TreeArrays, work: Work) -> None:
-    """Write to `weight` (m,) how far every moving joint moves an item's pieces towards each other, in metres.
+    """Write to `weight` (m,) bounds on how far, in metres, moving joints move an item's pieces towards each other.
 
     `item` (3,): index of the pair of bodies, and indices of a piece of both; `best` (3,): unit vector from the second
     piece to the first, along which displacements are measured.

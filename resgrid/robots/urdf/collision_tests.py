@@ -28,11 +28,17 @@ class SolidTest(CollisionTest):
         self._tree, self._checker = tree, CollisionChecker(tree)
 
     def clearances(self, configurations: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the smallest distances (n,) between bodies that must not touch, for configurations (n, m)."""
+        """Return the smallest distances (n,), in metres, between bodies that must not touch, for configurations (n, m).
+
+        The distance is 0 for a collision, and infinite for a tree without pairs.
+        """
         return self._checker.distance(configurations)
 
     def first_hit(self, configurations: NDArray[np.float64]) -> Hit | None:
-        """Return the first collision among configurations (n, m), in their order; solids that touch collide."""
+        """Return the first collision among configurations (n, m), in their order; None without a collision.
+
+        Solids that touch collide.
+        """
         for first in range(0, len(configurations), _BATCH):
             pairs = self._checker.first_pairs(configurations[first : first + _BATCH])
             hits = np.flatnonzero(pairs >= 0)

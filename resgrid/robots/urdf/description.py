@@ -221,7 +221,7 @@ def _limits(limit: Element | None, kind: str, place: str) -> tuple[tuple[float, 
 
 
 def _mimic(mimic: Element | None, place: str) -> tuple[str, float, float] | None:
-    """Return driving joint, factor and offset of an element ``<mimic>``; None for None.
+    """Return driving joint, factor and offset of an element ``<mimic>``; None without this element.
 
     The defaults are 1 for the factor and 0 for the offset. `place`: file and joint, for messages.
     """

@@ -34,7 +34,7 @@ from resgrid.robots.urdf.collision import CollisionChecker
 from resgrid.robots.urdf.tree import KinematicTree
 
 RULES = 1
-"""Number of the rules of proofs; increase it when verdicts change, so that stored verdicts are computed again."""
+"""Version number of the proof rules; increase it when verdicts change, so that stored verdicts are computed again."""
 
 CENTRES = 1 << 14
 """Number of cells, in the grid of a group, whose centres are tested between two reports of progress."""

@@ -60,7 +60,7 @@ def check_moving(robot: Description, moving: Sequence[str]) -> None:
 
 
 def range_of(joint: Joint) -> tuple[float, float]:
-    """Return the lower and upper limit of a moving joint; -pi and pi for a continuous one."""
+    """Return the lower and upper limit of a moving joint in radians or metres; -pi and pi for a continuous one."""
     return joint.limits or (-np.pi, np.pi)
 
 

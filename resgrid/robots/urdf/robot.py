@@ -70,7 +70,7 @@ class URDFRobot(Robot):
         Number of times that a cell is halved per moving joint before it is left undecided.
     velocity : tuple of float
         Largest speeds of trajectories in rad/s or m/s, one for all moving joints or one per joint, in place of the
-        limits in the URDF file.
+        limits in the URDF file; empty for those limits.
     acceleration : tuple of float
         Largest accelerations of trajectories in rad/s² or m/s², one for all moving joints or one per joint; empty for
         no limit.  URDF files have no such limits.
@@ -178,7 +178,11 @@ class URDFRobot(Robot):
 
     @property
     def reach(self) -> float:
-        """Upper bound of the distance from the base to any point of the robot, in metres."""
+        """Approximate largest distance from the base to a point of the robot, in metres, for views.
+
+        It is the sum of all distances between joint origins and of the largest distance of a hull point from its joint;
+        translations of prismatic joints and the radii of hulls are not included.
+        """
         origins = np.linalg.norm(self.tree.placement[:, :3, 3], axis=1).sum()
         return float(origins + max(np.linalg.norm(body.hull.points, axis=1).max() for body in self.tree.bodies))
 

@@ -96,8 +96,8 @@ class _Tool:
 class _Boxes:
     """Boxes of configurations that may contain a solution.
 
-    `centre`, `half` (n, m): centres, and half the widths; `owner` (n,): index of the cell that contains each box;
-    `halvings`: number of halvings of a cell that gave these boxes.
+    `centre`, `half` (n, m): centres, and half the widths, in radians or metres; `owner` (n,): row, in the searched
+    batch of cells, of the cell that contains each box; `halvings`: number of halvings of a cell that gave these boxes.
     """
 
     centre: NDArray[np.float64]
@@ -110,7 +110,7 @@ class _Boxes:
         return _Boxes(self.centre[chosen], self.half[chosen], self.owner[chosen], self.halvings)
 
     def halved(self, gain: NDArray[np.float64]) -> _Boxes:
-        """Return both halves of every box, cut along the joint with the largest `gain` (n, m)."""
+        """Return both halves of every box, cut along the joint with the largest effect `gain` (n, m) on the tool."""
         row, joint = np.arange(len(self.centre)), np.argmax(gain, axis=1)
         half = self.half.copy()
         half[row, joint] /= 2
@@ -209,7 +209,7 @@ def _possible_cells(
 def _solve_cells(
     tool: _Tool, cells: NDArray[np.int64], lower: NDArray[np.float64], spacing: NDArray[np.float64], goal: ToolGoal
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], float]:
-    """Return the indices (s,) of the cells that contain a solution, one solution (s, m) for each, and a distance.
+    """Return the rows (s,) of `cells` that contain a solution, one solution (s, m) for each, and a distance.
 
     The distance, in metres, is the smallest one between tool and region that the search found, for messages. `tool`:
     tool of the robot; `goal`: its poses in the goal; `cells` (n, m): cell indices; `lower`, `spacing` (m,): lower ends
@@ -281,7 +281,7 @@ def _possible(
 def _violations(
     tool: _Tool, configurations: NDArray[np.float64], goal: ToolGoal
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return by how many metres (n,) and radians (n,) the tool misses a goal in configurations (n, m)."""
+    """Return by how many metres (n,) and radians (n,) the tool misses a goal in configurations (n, m); 0 inside."""
     pose = tool.tree.frames(configurations)[:, tool.joint] @ tool.pose
     distance = np.linalg.norm(pose[:, :3, 3] - goal.nearest(pose[:, :3, 3]), axis=1)
     if goal.rotation is None:

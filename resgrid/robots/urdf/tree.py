@@ -49,7 +49,8 @@ class KinematicTree:
     pairs : ndarray of int64, shape (p, 2)
         Indices of the pairs of bodies that must not touch each other; the first one moves with a joint.
     tools : mapping of str to (int, ndarray of float64 of shape (4, 4))
-        Joint and pose in the joint's frame of every link and frame of the file, by name.
+        Index of the joint (-1 for the world), and pose in the joint's frame, of every link and frame of the file, by
+        name.
     """
 
     moving: tuple[str, ...]
