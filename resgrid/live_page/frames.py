@@ -224,12 +224,14 @@ def probe(frame: SolvedDrawing, cell: Sequence[int]) -> dict[str, Any]:
 
     Keys: `cell`: index along each axis; `centre`: centre of the cell, in axis units; `kind`: ``"free"``, ``"obstacle"``
     or ``"goal"``; `conductivity`: relative conductivity; `potential`: normalised potential, 0 to 1, NaN in a cell
-    without a node; `volts`: the same potential in volts; `drop_decades`: log10 of the drop, None without an obstacle
-    rail; `amperes`: currents through the lower and the upper face across the first axis, then across the second,
-    positive along the axis, or, for other lattices than "square", `steps`: lists of an arrow, the current along a step
-    to a neighbour, positive outwards, and whether paths take this step; `bits`: bits of an analogue-to-digital
-    converter that resolve the voltage step to the neighbour with the lowest potential, None if unknown; `exact`:
-    whether the solution is direction-safe; `proved`: sentences on proved properties.
+    without a node; `volts`: voltage of the node, None for a blend and for a preview of a circuit that current sources
+    drive; `drop_decades`: log10 of the drop, None without an obstacle rail; `amperes`: currents through the lower and
+    the upper face across the first axis, then across the second, positive along the axis, or, for other lattices than
+    "square", `steps`: lists of an arrow, the current along a step to a neighbour, positive outwards, and whether paths
+    take this step; `bits`: bits of an analogue-to-digital converter that resolve the voltage step to the neighbour with
+    the lowest potential, None if unknown; `exact`: whether the solution is direction-safe; `proved`: sentences on
+    proved properties.  Where `volts` is None, the currents are those of a circuit in which the potential 1 is the
+    supply.
 
     `frame`: the solved drawing; `cell`: index along each axis.  Raises InputError for a cell outside the grid.
     """
@@ -238,7 +240,8 @@ def probe(frame: SolvedDrawing, cell: Sequence[int]) -> dict[str, Any]:
     if not all(0 <= part < size for part, size in zip(index, space.shape, strict=True)):
         raise InputError(f"there is no cell {list(index)} in the grid of {' x '.join(map(str, space.shape))} cells")
     wiring = frame.field.wiring
-    unit = abs(wiring.supply) / wiring.resistance
+    scale = frame.volts_per_potential
+    unit = (wiring.supply if scale is None else scale) / wiring.resistance
     phi = float(at_cells(frame.field, frame.field.potential)[index])
     log_drop = _log_drop(frame)
     drop = None if log_drop is None else float(log_drop[index]) / np.log(10.0)
@@ -248,7 +251,7 @@ def probe(frame: SolvedDrawing, cell: Sequence[int]) -> dict[str, Any]:
         "kind": Cell(int(drawing.cell[index])).name.lower(),
         "conductivity": drawing.palette[int(drawing.level[index])],
         "potential": phi,
-        "volts": wiring.goal_voltage + phi * wiring.supply,
+        "volts": None if scale is None else wiring.goal_voltage + phi * scale,
         "drop_decades": drop,
         **_currents_of(frame.field, index, unit),
         "bits": _bits(frame, index),

@@ -20,7 +20,7 @@ from resgrid.core.netlist import GROUND, Netlist
 from resgrid.errors import BudgetError, InputError
 from resgrid.live_page.drawing import Drawing
 from resgrid.live_page.frames import NO_VALUE, picture_of, quantised
-from resgrid.live_page.solving import SolvedDrawing, solve_drawing
+from resgrid.live_page.solving import SolvedDrawing, potential_scale, solve_drawing
 
 MAX_CELLS = 1 << 15
 """Largest number of cells of a grid whose transient is computed; for a larger grid, BudgetError is raised."""
@@ -119,7 +119,7 @@ def _transient(
     shown = frame.field.space.goal_connected & (cells.node >= 0) & (steady != NO_VALUE)
     is_drop = scale["kind"] == "decades"
     low, high = scale["low"], scale["high"]
-    unit, goal = _unit(op, is_drop), wiring.goal_voltage
+    unit, goal = potential_scale(op), wiring.goal_voltage
     netlist = _in_levels(op.netlist, unit, goal, farads, is_drop)
 
     def picture(level: NDArray[np.float64]) -> NDArray[np.uint16]:
@@ -140,24 +140,12 @@ def _transient(
             raise InputError("the drawing has changed during the computation of its transient")
         at_cells = level[cells.node]
         pictures.append(picture(at_cells))
-        volts.append(goal + wiring.supply * (1.0 - at_cells if is_drop else at_cells))
+        volts.append(goal + unit * (1.0 - at_cells if is_drop else at_cells))
         if not differs(pictures[-1]):
             break
     pictures.append(steady)
-    volts.append(goal + wiring.supply * frame.field.potential)
+    volts.append(op.voltage[cells.node])
     return np.stack(pictures), np.where(shown, np.stack(volts), np.nan)
-
-
-def _unit(op: OperatingPoint, is_drop: bool) -> float:
-    """Return the voltage, in volts, that the page shows as a potential of 1, or as a drop of 1 if `is_drop`.
-
-    `op`: operating point.  A drop of 1 is the supply, with its sign; a potential of 1 is the largest magnitude of the
-    voltage between a free node and the goal rail.
-    """
-    wiring, free = op.netlist.cells.wiring, op.netlist.cells.free_node
-    if is_drop:
-        return float(wiring.supply)
-    return float(np.nanmax(np.abs(op.voltage[free] - wiring.goal_voltage))) or 1.0
 
 
 def _in_levels(netlist: Netlist, unit: float, goal: float, farads: float, is_drop: bool) -> Netlist:
@@ -189,7 +177,7 @@ def _first_levels(op: OperatingPoint, before: OperatingPoint | None, unit: float
         level = np.full(op.netlist.node_count, -goal / unit)
     else:
         was = before.netlist.cells.wiring
-        level = (initial_voltages(op.netlist, before) - was.goal_voltage) / _unit(before, not was.is_driven)
+        level = (initial_voltages(op.netlist, before) - was.goal_voltage) / potential_scale(before)
     level = 1.0 - level if is_drop else level
     level[GROUND] = 0.0
     return level

@@ -77,6 +77,30 @@ class SolvedDrawing:
         """Field that the page displays: the blend with the weight k, or the field of the first start that drives."""
         return self.solution.fields[0]
 
+    @property
+    def volts_per_potential(self) -> float | None:
+        """Voltage above the goal rail, in volts, where the potential is 1.
+
+        None for a blend, which is no single circuit, and for a preview of a circuit that current sources drive.
+        """
+        if not self.field.wiring.is_driven:
+            return None if 0.0 < self.drawing.k < 1.0 else float(self.field.wiring.supply)
+        point = next(iter(self.solution.operating_points.values()), None)
+        return None if point is None else potential_scale(point)
+
+
+def potential_scale(op: OperatingPoint) -> float:
+    """Return the voltage above the goal rail, in volts, where the potential is 1.
+
+    It is the supply where an obstacle rail drives the circuit; else the largest voltage by magnitude, with its sign, of
+    a free node above the goal rail. `op`: operating point.
+    """
+    wiring, free = op.netlist.cells.wiring, op.netlist.cells.free_node
+    if not wiring.is_driven:
+        return float(wiring.supply)
+    above = op.voltage[free] - wiring.goal_voltage
+    return float(above[np.nanargmax(np.abs(above))]) or 1.0
+
 
 def solve_drawing(drawing: Drawing, *, exact: bool, warm: WarmFields | None = None) -> SolvedDrawing:
     """Return the solution of a drawing, with a path for every start; raise InputError without a goal.

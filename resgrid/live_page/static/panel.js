@@ -230,7 +230,7 @@ export function momentRows({ time, volts, decades }, cell, scene) {
 export function rowsOf(about, scene) {
   const rows = [["cell", about.cell.join(", ")], ["centre", placeOf(about.centre, scene)]];
   if (about.kind !== "free" || about.potential == null) return [...rows, ["", about.kind === "free" ? "no path to a goal" : about.kind]];
-  rows.push(["V", engineering(about.volts, "V")]);
+  rows.push(about.volts == null ? ["potential", about.potential.toPrecision(4)] : ["V", engineering(about.volts, "V")]);
   if (about.drop_decades != null) rows.push(["drop, log₁₀", signed(about.drop_decades)]);
   for (const [arrow, amperes, isNext] of about.steps ?? []) rows.push([`${arrow}${isNext ? " next" : ""}`, `${amperes > 0 ? "out" : amperes < 0 ? "in" : ""} ${engineering(Math.abs(amperes), "A")}`]);
   if (about.amperes) ["left", "right", "below", "above"].forEach((side, n) => {
