@@ -28,7 +28,8 @@ class Agreement:
         Source of the expected voltages: the deck's sidecar, a scene, or a solution by resgrid of the circuit as read.
     agrees : bool or None
         True if the deck itself was run, at least one node was compared, and there is no finding.  None if the simulator
-        found no operating point, or if there is no finding but another deck was run in place of this one; else False.
+        found no operating point and the files show no fault, or if there is no finding but another deck was run in
+        place of this one; else False.
     verified : bool
         Whether the simulator ran the deck's own bytes (only the analyses are replaced) and returned an operating point.
     max_abs_error : float or None
@@ -113,10 +114,10 @@ def compare(
                 problems.append(f"{where}{kind} {name}: {finds}")
     unknown = simulation.simulator == SIMULATED and simulation.version not in (*VERSIONS, "not run")
     tested = f"resgrid is tested with {SIMULATED} {' and '.join(VERSIONS)}; this is version {simulation.version}"
-    silent = bool(expected.voltage) and not simulation.voltage and not findings
+    missing = bool(expected.voltage) and not simulation.voltage
     return Agreement(
         reference=reference,
-        agrees=None if silent else not problems and bool(error),
+        agrees=None if missing and not findings else not problems and bool(error),
         max_abs_error=largest if np.isfinite(largest) else None,
         max_relative_error=largest / expected.supply if np.isfinite(largest) else None,
         nodes=len(error),
@@ -127,8 +128,8 @@ def compare(
         worst=tuple(
             (name, expected.voltage[name], simulation.voltage[name]) for name in list(error)[:SHOWN] if error[name] > 0
         ),
-        remark=f"{simulation.simulator} found no operating point" if silent else tested if unknown else "",
-        verified=not silent,
+        remark=f"{simulation.simulator} found no operating point" if missing else tested if unknown else "",
+        verified=not missing,
     )
 
 
