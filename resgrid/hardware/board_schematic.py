@@ -100,7 +100,7 @@ class _Drawing:
     def draw_block(self, sheet: Sheet, across: tuple[int, int], up: tuple[int, int]) -> None:
         """Draw the cells of a block on `sheet`.
 
-        `across`, `up`: ranges (first, end), without `end`, of its columns and rows.
+        `across`, `up`: ranges (first, end), without `end`, of its columns and rows; the last row is drawn at the top.
         """
         cells = self._circuit.space.cell
         start = self._circuit.wiring.start

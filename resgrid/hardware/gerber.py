@@ -51,8 +51,8 @@ class _State:
     file per integer coordinate; `point`: current point in millimetres; `mode`: 1 for lines, 2 and 3 for clockwise and
     counterclockwise arcs; `current`: selected aperture, None before the first selection; `contour`: points of the
     current contour in millimetres, None outside regions; `dark`: whether objects add copper (they remove it otherwise);
-    `net`: attribute ``.N`` of objects; `apertures`: apertures by number; `macros`: primitives by macro name; `shapes`:
-    finished objects.
+    `net`: net of the next objects (attribute ``.N``), empty without one; `apertures`: apertures by number; `macros`:
+    primitives by macro name; `shapes`: finished objects.
     """
 
     place: str
@@ -187,7 +187,10 @@ def _selected(state: _State) -> Aperture:
 
 
 def _drawn(state: _State, points: list[tuple[float, float]]) -> Any:
-    """Return the polygon of a line that the selected circular aperture draws; `points`: its corners in millimetres."""
+    """Return the polygon that the selected circular aperture draws along a line.
+
+    `points`: ends of the line, or points along an arc, in millimetres. Raises InputError for other apertures.
+    """
     from shapely import LineString, Point
 
     width = _selected(state).diameter
@@ -241,7 +244,7 @@ def _add(state: _State, geometry: Any) -> None:
 
 
 def subtract(shapes: list[CopperShape], geometry: Any) -> list[CopperShape]:
-    """Return shapes without the area of a geometry, which may leave a shape empty or in several polygons."""
+    """Return shapes without the area of a geometry, with their nets; a shape may become empty or several polygons."""
     return [
         CopperShape(shape.geometry.difference(geometry), shape.net) if shape.geometry.intersects(geometry) else shape
         for shape in shapes
