@@ -65,7 +65,8 @@ class SpeedZones:
     def widened(self, distance: float) -> SpeedZones:
         """Return zones with the smallest limit of all pixels within a distance of each pixel, also outside the masks.
 
-        The zones hold for a motion that deviates from its path by at most `distance`, in units of the world.
+        The zones hold for a motion that deviates from its path by at most `distance`, in units of the world, which is
+        rounded up to whole pixels.
         """
         if not distance:
             return self

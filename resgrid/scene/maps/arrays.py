@@ -188,7 +188,7 @@ def placed_axes(
     spacing
         Width of a cell; required for point clouds, otherwise 1 by default.
     origin
-        Lower corner of the map.
+        Lower corner of the map; by default all coordinates are 0.
     unit
         Unit of lengths.
     """

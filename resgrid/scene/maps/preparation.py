@@ -64,7 +64,7 @@ class Preparation:
         Whether the robot's body stays out of unknown cells that are obstacles; otherwise only its reference point does.
         Nav2's inflation layer has a parameter of this name, whose default is the opposite.
     extent
-        Largest distance from the robot's reference point to a point of the robot; not a key of files.
+        Largest distance from the robot's reference point to a point of the robot, in axis units; not a key of files.
     """
 
     crop: Literal["known"] | Annotated[tuple[float, ...], Len(2, 8)] | None = None
@@ -75,9 +75,10 @@ class Preparation:
 
     @classmethod
     def of(cls, table: Mapping[str, Any], extent: float) -> Preparation:
-        """Return the cropping and joining of cells that a ``[map]`` table demands, for a robot of a given `extent`.
+        """Return the cropping, joining and dividing of cells that a ``[map]`` table demands.
 
-        Raises InputError if the table both joins and divides cells.
+        `extent`: largest distance from the robot's reference point to a point of the robot, in axis units. Raises
+        InputError if the table both joins and divides cells.
         """
         given = {key: table[key] for key in KEYS if table.get(key) is not None}
         preparation = cls(**given, extent=extent)
