@@ -131,7 +131,7 @@ def solve_extracted(
 def _value(reference: str, values: Mapping[str, float | None]) -> float:
     """Return the resistance of a part in ohms; raise InputError if it is unknown, not positive or infinite.
 
-    `reference`: name of the part; `values`: resistances by reference.
+    `reference`: name of the part; `values`: resistances in ohms by reference, None for an unknown one.
     """
     value = values.get(reference)
     if value is None or not 0 < value < math.inf:

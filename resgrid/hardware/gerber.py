@@ -36,7 +36,8 @@ _FUNCTIONS = {"G01": 1, "G1": 1, "G02": 2, "G2": 2, "G03": 3, "G3": 3}
 class CopperShape:
     """A connected piece of copper.
 
-    `geometry`: polygon of shapely in millimetres; `net`: name of the net that the file states, empty without one.
+    `geometry`: polygon of shapely in millimetres, y upwards; `net`: name of the net that the file states, empty without
+    one.
     """
 
     geometry: Any

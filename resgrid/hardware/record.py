@@ -118,8 +118,8 @@ class HardwareRecord:
     sources : tuple of Supply
         Voltage sources outside the board or layout.
     voltages : mapping of str to float
-        Expected voltage of each net with a resistor, in volts against net ``"0"``: the solution of `resgrid.solve` for
-        exactly the values of `parts`.
+        Expected voltage of each net with a resistor or a bond pad, in volts against net ``"0"``: the solution of
+        `resgrid.solve` for exactly the values of `parts`.
     nodes : mapping of str to tuple of int
         Cell (column, row) of each net that belongs to a cell; rails have no entry.
 

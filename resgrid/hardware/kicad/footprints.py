@@ -21,7 +21,7 @@ PIN_SPACING = 2.54
 class Pad:
     """A pad of a footprint.
 
-    `number`: text such as "1", empty for a hole without copper; `x`, `y`: centre relative to the footprint's centre, in
+    `number`: text such as "1", empty for a hole without copper; `x`, `y`: centre relative to the footprint's origin, in
     millimetres, y downwards; `width`, `height`: in millimetres; `shape`: "circle", "rect" or "roundrect"; `drill`:
     diameter of the hole in millimetres, 0 for a pad on the front without a hole.
     """
@@ -37,7 +37,7 @@ class Pad:
 
 @dataclass(frozen=True)
 class Footprint:
-    """A footprint in the library of a board's folder; all lengths are in millimetres.
+    """A footprint in the library of a board's folder; lengths are in mm from the footprint's origin, y downwards.
 
     `name`: its name; `about`: description; `pads`: the pads; `silk`: lines (x0, y0, x1, y1) on the front silkscreen;
     `courtyard`: rectangle (x0, y0, x1, y1) that other parts must leave free, None without one; `attributes`: KiCad's

@@ -94,7 +94,7 @@ FLAG = Symbol(
 
 
 def connector(pins: int) -> Symbol:
-    """Return the symbol of a connector with pins in one column; pin 1 is at the top, at the origin."""
+    """Return the symbol of a connector with `pins` pins in one column; pin 1 is at the top, at y = 0."""
     end = -2.54 * (pins - 1)
     marks = tuple(_box(-1.27, -2.54 * k - 0.254, 0.254, -2.54 * k + 0.254) for k in range(pins))
     return Symbol(
