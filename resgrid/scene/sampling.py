@@ -47,7 +47,8 @@ def build_space(
     require_goal : bool
         Whether a scene without any goal is an error.
     progress : callable, optional
-        Called as ``progress(done, total)`` during the computation of obstacle cells.
+        Called as ``progress(done, total)`` during the computation of obstacle cells, with the finished and the total
+        amount of work in arbitrary units.
     executor : concurrent.futures.Executor, optional
         Executor that shares the computation of obstacle cells, for a robot from a URDF file; see `open_executor`.
 

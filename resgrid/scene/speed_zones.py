@@ -17,7 +17,9 @@ from resgrid.scene.mask import Mask
 
 
 class SpeedLimits(NamedTuple):
-    """Speed limits of n points or segments: `fraction` (n,) of the robot's largest speed, `speed` (n,) in length/s.
+    """Speed limits of n points or segments.
+
+    `fraction` (n,): fraction of the robot's largest speed; `speed` (n,): speed in units of the world per second.
 
     Without a limit, the fraction is 1 and the speed is infinite.
     """
@@ -97,7 +99,10 @@ class SpeedZones:
         return np.concatenate(corners), np.array(origin), SpeedLimits(np.concatenate(fraction), np.concatenate(speed))
 
     def _cuts(self, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return 0, 1 and the fractions of a segment at which it crosses borders between pixels, ascending."""
+        """Return 0, 1 and the fractions of a segment at which it crosses borders between pixels, ascending, (n,).
+
+        `start`, `end` (d,): ends of the segment in world coordinates.
+        """
         cuts = [np.array([0.0, 1.0])]
         for zone in self.zones:
             low, high = zone.grid.pixels(np.array([start[:2], end[:2]]))

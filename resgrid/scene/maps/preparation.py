@@ -51,10 +51,10 @@ class Preparation:
     Attributes
     ----------
     crop
-        Part of the map that is kept: `"known"` (the smallest box with all cells of known occupancy), or lower and upper
-        corner of a box in world coordinates, `[x0, y0, x1, y1]` in the plane.  On a rotated map, the part is the
-        smallest rectangle of rows and columns that covers the box.  Obstacles outside the part that the robot can touch
-        from inside still count.
+        Part of the map that is kept, by default the whole map: `"known"` (the smallest box with all cells of known
+        occupancy), or lower and upper corner of a box in world coordinates, `[x0, y0, x1, y1]` in the plane.  On a
+        rotated map, the part is the smallest rectangle of rows and columns that covers the box.  Obstacles outside the
+        part that the robot can touch from inside still count.
     coarsen
         Number n of cells along each axis that are joined into one.  A coarse cell is free only if all its cells are
         free, and its conductivity is their smallest one.  Coarse cells that extend past the map are obstacles.
@@ -199,7 +199,7 @@ def _require_joined_cells(axes: Sequence[Axis], kept: Window, step: int) -> None
 
 
 KEYS = tuple(item.name for item in fields(Preparation) if item.name != "extent")
-"""Keys of a ``[map]`` table that crop the map, or join or divide its cells."""
+"""Keys of a ``[map]`` table that crop the map or join or divide its cells, and ``inflate_around_unknown``."""
 
 
 @dataclass(frozen=True)

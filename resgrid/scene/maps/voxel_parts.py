@@ -110,7 +110,7 @@ def read_octomap_cells(
     Parameters
     ----------
     unknown
-        Treatment of cells of unknown occupancy.
+        Treatment of cells of unknown occupancy: obstacle or free.
     occupied
         Probability from which a voxel is occupied, for ``.ot`` files; ``.bt`` files contain no probabilities.
     """
