@@ -79,8 +79,8 @@ def format_bill(board: Board) -> str:
 def format_voltages(board: Board) -> str:
     """Return the expected voltage of every test pad as CSV text.
 
-    A line also contains the cell of the pad (column, row, coordinates of the centre, kind), the net of the pad, and the
-    pin of a converter header on this net, such as J3.2; the pin is empty if no header has the net.
+    A line also contains the cell of the pad (column, row, world coordinates of its centre, kind), the net of the pad,
+    and the pin of a converter header on this net, such as J3.2; the pin is empty if no header has the net.
     """
     circuit, space = board.circuit, board.circuit.space
     pins = {

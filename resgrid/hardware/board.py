@@ -154,8 +154,9 @@ class Board:
         Returns
         -------
         Yield
-            Fraction of the starts from which a robot that sees only the voltages of `readout` reaches a goal.  The
-            resistances have the standard deviation ``tolerance / sqrt(3)``.
+            Fraction of the starts from which a robot that sees only the voltages of `readout` reaches a goal; starts
+            are all free cells with a path to a goal.  The resistances have the standard deviation
+            ``tolerance / sqrt(3)``.
         """
         wiring = self.circuit.wiring
         readout = self.readout if bits is None else replace(self.readout, bits=bits)
@@ -166,7 +167,8 @@ class Board:
     def predicted_yields(self) -> dict[int, Proportion]:
         """Fraction of the starts from which a simulated robot reaches a goal, by the converter's resolution in bits.
 
-        The resolutions are 12 and 16 bits and that of `readout`. Each fraction has a confidence interval.
+        Starts are all free cells with a path to a goal. The resolutions are 12 and 16 bits and that of `readout`. Each
+        fraction has a confidence interval.
         """
         trials = _TRIALS if self.circuit.space.cell.size <= _MANY_CELLS else _TRIALS // 3
         resolutions = sorted({self.readout.bits or BITS, *_RESOLUTIONS})
@@ -278,7 +280,7 @@ def build_board(
     pitch : float
         Distance of neighbouring cells on the board, in millimetres; at least 5.08 (fixed) or 6.35 (jumpers).
     tolerance : float
-        Tolerance of the resistors, as a fraction.
+        Tolerance of the resistors, as a fraction of their nominal values.
     space : ConfigurationSpace, optional
         The space of the scene, if it was built before.
     wiring : Wiring, optional

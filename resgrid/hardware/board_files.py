@@ -116,9 +116,9 @@ def silkscreen_of(board: Board) -> Graphics:
 
 
 def _with_path(placed: PlacedFootprint, paths: Mapping[str, str]) -> PlacedFootprint:
-    """Return a footprint that refers to its symbol.
+    """Return a footprint that refers to its symbol in the schematic, if it has one.
 
-    `paths`: path of each symbol in the schematic, by reference of the part.
+    `paths`: UUIDs that lead to each symbol, as text (`symbol_path`), by reference of the part.
     """
     return replace(placed, path=paths.get(placed.reference, ""))
 

@@ -100,7 +100,7 @@ class _Drawing:
     def draw_block(self, sheet: Sheet, across: tuple[int, int], up: tuple[int, int]) -> None:
         """Draw the cells of a block on `sheet`.
 
-        `across`, `up`: ranges (first, end), without `end`, of its columns and rows.
+        `across`, `up`: ranges (first, end), without `end`, of its columns and rows; the last row is drawn at the top.
         """
         cells = self._circuit.space.cell
         start = self._circuit.wiring.start
@@ -256,7 +256,7 @@ def _draw_terminals(root: Sheet, placement: Placement, left: float) -> None:
 
 
 def _sources(circuit: BoardCircuit) -> Iterator[tuple[str, float]]:
-    """Yield net and voltage in volts of every source that is connected to the board: the supply and each goal rail."""
+    """Yield net, and voltage against ground in volts, of every source of the board: the supply and each goal rail."""
     yield circuit.high_net, circuit.wiring.high
     for net in circuit.goal_nets:
         yield net, circuit.wiring.goal_voltage

@@ -97,7 +97,7 @@ def _groups(
 def _turned_parts(
     record: HardwareRecord, found: Mapping[Pad, Label | None], owner: Mapping[Label, str]
 ) -> Iterator[str]:  # fmt: skip
-    """Yield the reference of every resistor or jumper whose two pads are exchanged in another circuit.
+    """Yield the reference of every resistor, and jumper of two pads, whose pads are exchanged in another circuit.
 
     `found`: net of every pad in the other circuit; `owner`: expected net that corresponds to each net of the other
     circuit.
@@ -159,10 +159,10 @@ def _unknown(expected: Mapping[Pad, str], found: Iterable[Pad]) -> Iterator[str]
 
 
 def compare_values(record: HardwareRecord, found: Mapping[str, float | None]) -> list[str]:
-    """Return a message for every resistor whose resistance differs from the record.
+    """Return a message for every resistor whose resistance differs from the record by more than `MAX_VALUE_ERROR`.
 
-    `found`: resistance in ohms by reference, None for text that is not a number. Resistors without an entry give no
-    message.
+    `found`: resistance in ohms by reference, None for text that is not a number, which gives a message. Resistors
+    without an entry give no message.
     """
     messages = []
     for part in record.parts:

@@ -23,8 +23,8 @@ from resgrid.hardware.gerber_apertures import ARC_STEPS
 class Contact:
     """A place where copper shapes with different stated nets touch.
 
-    `nets`: names of both nets; `position`: x and y in mm, y upwards; `layer`: number of the copper layer, 1 for the
-    front.
+    `nets`: names of both nets; `position`: a point (x, y) that both shapes contain, in mm, y upwards; `layer`: number
+    of the copper layer, 1 for the front.
     """
 
     nets: tuple[str, str]
@@ -53,7 +53,8 @@ class Copper:
     def probe(self, position: tuple[float, float], access: int) -> int | None:
         """Return the number of the set of connected copper shapes at a point, None without copper.
 
-        `position`: x and y in millimetres; `access`: number of the layer, from 1 for the front, 0 for any layer.
+        `position`: x and y in millimetres; `access`: number of the layer, from 1 for the front, 0 for any layer. A
+        number above the number of layers stands for the back.
         """
         from shapely import Point
 

@@ -16,7 +16,7 @@ _IGNORED = re.compile(r"M48|FMAT,2|G90|G05|%|M95|T0+|ICI,OFF|M71|M72|")
 
 @dataclass(frozen=True)
 class Hole:
-    """A drilled hole or slot; lengths are in millimetres.
+    """A drilled hole or slot; lengths are in millimetres, y upwards.
 
     `start`, `end`: centres (x, y) of its two ends, equal for a round hole; `diameter`: diameter of the drill.
     """

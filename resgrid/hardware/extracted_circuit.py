@@ -23,8 +23,9 @@ from resgrid.spice.run.ngspice import SimulatorRun, simulate
 class SpiceNetlist:
     """Content of KiCad's SPICE netlist of a schematic.
 
-    `text`: the netlist; `nets`: name of the node of every pad of its resistors; `values`: resistance in ohms by
-    reference; `sources`: names of the plus and the minus node, and volts, of every voltage source.
+    `text`: the netlist; `nets`: name of the node of every pad of its resistors, by reference and pad number from 1;
+    `values`: resistance in ohms by reference; `sources`: names of the plus and the minus node, and volts, of every
+    voltage source.
     """
 
     text: str
@@ -91,8 +92,9 @@ def _sources(record: HardwareRecord) -> Iterator[tuple[str, str, float]]:
 def solve_extracted(
     record: HardwareRecord, found: Mapping[Pad, Label | None], values: Mapping[str, float | None]
 ) -> dict[str, float]:
-    """Return the voltages of an extracted circuit in volts, by net of the record, without nets that float.
+    """Return the voltages of an extracted circuit in volts, by net of the record.
 
+    Nets that float, and nets without a corresponding extracted net (`match_nets`), have no entry.
     `record`: gives the sources and closed jumpers; `found`: net of every pad in the extracted circuit, None for a pad
     without a connection; `values`: resistance in ohms by reference. A resistor with an unconnected pad, or with both
     pads on one net, carries no current and is left out. Raises InputError if another resistor has no value.
@@ -129,7 +131,7 @@ def solve_extracted(
 def _value(reference: str, values: Mapping[str, float | None]) -> float:
     """Return the resistance of a part in ohms; raise InputError if it is unknown, not positive or infinite.
 
-    `reference`: name of the part; `values`: resistances by reference.
+    `reference`: name of the part; `values`: resistances in ohms by reference, None for an unknown one.
     """
     value = values.get(reference)
     if value is None or not 0 < value < math.inf:

@@ -36,7 +36,8 @@ _FUNCTIONS = {"G01": 1, "G1": 1, "G02": 2, "G2": 2, "G03": 3, "G3": 3}
 class CopperShape:
     """A connected piece of copper.
 
-    `geometry`: polygon of shapely in millimetres; `net`: name of the net that the file states, empty without one.
+    `geometry`: polygon of shapely in millimetres, y upwards; `net`: name of the net that the file states, empty without
+    one.
     """
 
     geometry: Any
@@ -51,8 +52,8 @@ class _State:
     file per integer coordinate; `point`: current point in millimetres; `mode`: 1 for lines, 2 and 3 for clockwise and
     counterclockwise arcs; `current`: selected aperture, None before the first selection; `contour`: points of the
     current contour in millimetres, None outside regions; `dark`: whether objects add copper (they remove it otherwise);
-    `net`: attribute ``.N`` of objects; `apertures`: apertures by number; `macros`: primitives by macro name; `shapes`:
-    finished objects.
+    `net`: net of the next objects (attribute ``.N``), empty without one; `apertures`: apertures by number; `macros`:
+    primitives by macro name; `shapes`: finished objects.
     """
 
     place: str
@@ -187,7 +188,10 @@ def _selected(state: _State) -> Aperture:
 
 
 def _drawn(state: _State, points: list[tuple[float, float]]) -> Any:
-    """Return the polygon of a line that the selected circular aperture draws; `points`: its corners in millimetres."""
+    """Return the polygon that the selected circular aperture draws along a line.
+
+    `points`: ends of the line, or points along an arc, in millimetres. Raises InputError for other apertures.
+    """
     from shapely import LineString, Point
 
     width = _selected(state).diameter
@@ -241,7 +245,7 @@ def _add(state: _State, geometry: Any) -> None:
 
 
 def subtract(shapes: list[CopperShape], geometry: Any) -> list[CopperShape]:
-    """Return shapes without the area of a geometry, which may leave a shape empty or in several polygons."""
+    """Return shapes without the area of a geometry, with their nets; a shape may become empty or several polygons."""
     return [
         CopperShape(shape.geometry.difference(geometry), shape.net) if shape.geometry.intersects(geometry) else shape
         for shape in shapes

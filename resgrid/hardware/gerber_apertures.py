@@ -130,9 +130,10 @@ def _macro(primitives: list[list[str]], values: list[float], place: str) -> Any:
 
 
 def _primitive(code: int, n: list[float], place: str) -> tuple[Any, bool]:
-    """Return the polygon of a macro primitive and whether it adds copper.
+    """Return the polygon of a macro primitive, and whether it adds copper (it removes copper otherwise).
 
-    `code`: number of the primitive in the Gerber specification; `n`: its parameters, in units of the file and degrees.
+    `code`: number of the primitive in the Gerber specification; `n`: its parameters, in units of the file and degrees;
+    `place`: name of the file, for messages.  Raises InputError for other codes than 1, 4, 5, 20 and 21.
     """
     from shapely import LineString, Point, Polygon, box
     from shapely.affinity import rotate

@@ -2,7 +2,7 @@
 
 A record is a line of 80 columns (IPC-D-356A, "Bare Substrate Electrical Test Data Format", section 4): columns 1-3 hold
 the operation code, 4-17 the net, 21-26 the reference, 28-31 the pin, 33-38 hole and plating, 39-41 the access, 42-57
-the coordinates.  KiCad writes upper-case names without tables: of a long name only the last 14 characters remain.
+the coordinates.  KiCad writes nets in upper case and no table of long names, so only their last 14 characters remain.
 """
 
 from __future__ import annotations

@@ -143,10 +143,10 @@ def _violation(violation: Mapping[str, Any]) -> str:
 
 
 def _on_board(points: Iterable[TestPoint], board: str) -> tuple[TestPoint, ...]:
-    """Return test points with positions relative to the board's own origin, as in its Gerber files.
+    """Return test points with positions in mm from the upper left corner of the sheet, y upwards, as in Gerber files.
 
-    KiCad writes IPC-D-356 files relative to the origin of the drill file.  `points`: its test points; `board`: text of
-    the board file, in which y points downwards.
+    KiCad writes IPC-D-356 files relative to the origin of the drill file, which the board file states. `points`: test
+    points of the IPC-D-356 file; `board`: text of the board file, in which y points downwards.
     """
     match = _ORIGIN.search(board)
     x, y = (float(match[1]), -float(match[2])) if match else (0.0, 0.0)

@@ -121,7 +121,7 @@ def resistor_extractor(kdb: Any) -> Any:
     """
 
     class SerpentineExtractor(kdb.GenericDeviceExtractor):  # type: ignore[misc]
-        """Extractor of resistors with a body between two ends, which klayout calls for each cell."""
+        """Extractor of resistors with a body between two ends, which klayout calls for each cell of the layout."""
 
         def setup(self) -> None:
             self.name = "resistor"
@@ -181,7 +181,8 @@ def violations(kdb: Any, layout: Any, top: Any, job: Any) -> list[list[Any]]:
 def broken(kdb: Any, regions: Any, rule: Any) -> list[list[int]]:  # noqa: PLR0911 - one result per kind
     """Return the centres [x, y], in database units, of all places that violate a rule.
 
-    `regions`: region of each layer by name; `rule`: kind, layer, second layer and value of the rule.
+    `regions`: region of each layer by name; `rule`: kind, layer, second layer (None for some kinds) and value of the
+    rule, in database units or, for the kind "area", their squares.
     """
     region, value = regions[rule["layer"]], rule["value"]
     other = regions.get(rule.get("other"))

@@ -103,7 +103,7 @@ class Layout:
 
     @property
     def outline(self) -> tuple[int, int, int, int]:
-        """Corners x0, y0 (lower left), x1, y1 (upper right) of the outline, in nanometres."""
+        """Corners x0, y0 (lower left), x1, y1 (upper right) of the outline, in nm from the node of cell (0, 0)."""
         return next(box[1:] for box in self.cells[-1].boxes if box[0] == self.rules.outline)
 
     @property
@@ -131,10 +131,10 @@ class Layout:
         Returns
         -------
         dict
-            ``process``, ``cells``, ``resistors``, ``values`` (number of different resistances), ``pitch``,
-            ``array_size``, ``size``, ``area``, ``array_area``, ``resistor`` (width, smallest and largest length, rows
-            and resistance, largest relative error by rounding), ``rails`` (widths, and currents and drops in amperes
-            and volts by net), ``pads`` (net and centre), ``warnings``.
+            ``process``, ``cells`` (columns and rows), ``resistors`` (number), ``values`` (number of different
+            resistances), ``pitch``, ``array_size``, ``array_area``, ``size``, ``area``, ``resistor`` (width, smallest
+            and largest length, rows and resistance in ohms, largest relative error by rounding), ``rails`` (widths;
+            magnitudes of currents in amperes and drops in volts, by net), ``pads`` (net and centre), ``warnings``.
         """
         shape = self.op.netlist.cells.space.shape
         array_size = [shape[0] * self.tile.px * 1e-9, shape[1] * self.tile.py * 1e-9]
@@ -198,10 +198,10 @@ def build_layout(
     width : float, optional
         Width of the resistors, in metres; by default the smallest one that the process and `matching` permit.
     matching : float, optional
-        Wanted standard deviation of the relative resistance between equal resistors, such as 0.01; determines the
-        width.
+        Wanted standard deviation of a resistance, relative to its mean, such as 0.01; determines the width, for the
+        smallest resistance.  Not together with `width`.
     labels : bool, optional
-        Whether every node gets a label; by default up to 20,000 cells.
+        Whether every node gets a label; by default on grids of at most 20,000 cells.
     **options
         Fields of `Wiring`, instead of `wiring` or as changes to it.
 

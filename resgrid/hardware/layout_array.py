@@ -86,9 +86,10 @@ def node_labels(array: TileArray, tile: TileGeometry, metal: MetalRules) -> list
 
 
 def used_range(mask: NDArray[np.bool_], axis: int) -> tuple[int, int]:
-    """Return the first and last column (`axis` 0) or row (`axis` 1) of the grid in which a mask is true.
+    """Return the first and last column (`axis` 0) or row (`axis` 1) in which a mask is true.
 
-    `mask` (columns + 2, rows + 2): tiles, with a margin of one tile around the grid.
+    `mask` (columns + 2, rows + 2): tiles, true at least once. The margin of one tile around the grid counts: column -1
+    is left of the grid.
     """
     used = np.flatnonzero(mask.any(axis=1 - axis))
     return int(used[0]) + ORIGIN[axis], int(used[-1]) + ORIGIN[axis]
@@ -97,7 +98,7 @@ def used_range(mask: NDArray[np.bool_], axis: int) -> tuple[int, int]:
 def first_cells(array: TileArray, region: int) -> Sequence[tuple[int, int]]:
     """Return column and row of the lowest tile of a net in each column that contains the net, from left to right.
 
-    `region`: index of the net in `array.nets`.
+    Columns and rows are those of the grid. `region`: index of the net in `array.nets`.
     """
     places = np.argwhere(array.region == region) + ORIGIN
     columns, first = np.unique(places[:, 0], return_index=True)

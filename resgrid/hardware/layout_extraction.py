@@ -33,9 +33,9 @@ class Extraction:
 
     `pitch`: distances of tiles along x and y, and y of the resistor along y in its tile, in nanometres; `nets`: number
     of the net of every pad, by reference of the part and number of the pad, None without a net; `ohms`: resistance of
-    every resistor, by reference; `place`: place of every part, in micrometres; `labels`: text, place in micrometres and
-    number of the net of each label, None on no metal; `violations`: messages about violated design rules; `messages`:
-    problems of the extraction.
+    every resistor, by reference; `place`: lower left corner (x, y) of every resistor's body, and place of the label of
+    every bond pad, in micrometres; `labels`: text, place in micrometres and number of the net of each other label, None
+    on no metal; `violations`: messages about violated design rules; `messages`: problems of the extraction.
     """
 
     pitch: tuple[int, ...]
@@ -179,7 +179,7 @@ def _extraction(file: Path, rules: LayoutRules, data: dict[str, Any]) -> Extract
 
 
 def _resistor_name(x: int, y: int, pitch: tuple[int, ...]) -> str:
-    """Return the reference of a resistor, such as ``RX_3_4``, from the place (x, y) of its body, in nanometres.
+    """Return the reference of a resistor, such as ``RX_3_4``, from the lower left corner (x, y) of its body, in nm.
 
     `pitch`: distances of tiles along x and y, and y of the resistor along y in its tile, in nanometres.
     """

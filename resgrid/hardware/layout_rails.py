@@ -40,8 +40,8 @@ RING = 5000
 class Trunk:
     """A vertical wire of metal 3 from a tile of a goal region or the start down to a horizontal wire below the array.
 
-    `net`: name of the net; `column`, `row`: the tile at which the trunk begins; `x`: centre of the trunk; `width`: its
-    width; lengths are in nanometres.
+    `net`: name of the net; `column`, `row`: the tile at which the trunk begins; `x`: centre of the trunk, from the node
+    of cell (0, 0); `width`: its width; lengths are in nanometres.
     """
 
     net: str
@@ -53,7 +53,7 @@ class Trunk:
 
 @dataclass(frozen=True)
 class Pad:
-    """A bond pad; `net`: name of its net; `x`, `y`: its centre, in nanometres."""
+    """A bond pad; `net`: name of its net; `x`, `y`: its centre, in nanometres from the node of cell (0, 0)."""
 
     net: str
     x: int
@@ -79,7 +79,7 @@ class Drawing:
 
 @dataclass(frozen=True)
 class RailPlan:
-    """Measures of rails and pads, in nanometres.
+    """Measures of rails and pads, in nanometres; x and y count from the node of cell (0, 0), y upwards.
 
     `trunks`: vertical wires to goal regions and the start, from left to right; `pads`: the pads from left to right;
     `wire`: width of the horizontal wires (tracks) below the array, which is the width of the trunks, or a larger one
@@ -159,7 +159,7 @@ def plan_rails(
 
 
 def _fitting_trunks(rules: LayoutRules, array: TileArray, tile: TileGeometry, wanted: int) -> tuple[Trunk, ...]:
-    """Return the trunks of all nets, of one width that leaves a free vertical track for each of them.
+    """Return the trunks of all nets, of one width that leaves a free track (x of a vertical wire) for each of them.
 
     The width is halved until the trunks fit, at most down to the width of links between goal cells. `wanted`: upper
     limit of the width, in nanometres. Raises InputError if not even the smallest width fits.
@@ -176,7 +176,8 @@ def _fitting_trunks(rules: LayoutRules, array: TileArray, tile: TileGeometry, wa
 def _trunks(rules: LayoutRules, array: TileArray, tile: TileGeometry, width: int) -> tuple[Trunk, ...]:
     """Return one trunk per net, from left to right, on vertical tracks of metal 3 that no other net uses.
 
-    `width`: width of the trunks in nanometres. Raises InputError if a net has no free track.
+    Each column of tiles has as many tracks as wires of the width fit next to each other. `width`: width of the trunks
+    in nanometres. Raises InputError if a net has no free track.
     """
     space, second = rules.metals[2].space, rules.metals[1]
     pitch = width + space

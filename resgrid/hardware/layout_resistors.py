@@ -26,9 +26,10 @@ WIDEST = 10_000_000
 class Serpentine:
     """A drawn resistor whose body runs back and forth in rows along x; lengths are in nanometres.
 
-    The body begins at x = 0, and the centre of row 0 is at y = 0. `rows`: odd number of rows; `turn`: x of the centre
-    of the turns on the right, 0 for one row; `end`: x at which the body ends in the last row; `area`: area of the body
-    in nm^2; `width`: width of the body; `corners`: number of right-angled corners; `resistance`: resistance in ohms.
+    The body begins at x = 0 in row 0, whose centre is at y = 0; further rows lie above. `rows`: odd number of rows;
+    `turn`: x of the centre of the turns on the right, 0 for one row; `end`: x at which the body ends in the last row;
+    `area`: area of the body in nm^2; `width`: width of the body; `corners`: number of right-angled corners;
+    `resistance`: resistance in ohms.
     """
 
     rows: int
@@ -87,10 +88,10 @@ def contact_column(rules: LayoutRules, height: int) -> list[int]:
 def body_width(rules: LayoutRules, resistances: Sequence[float], width: float | None, matching: float | None) -> int:
     """Return the width of all resistors in nanometres, an even multiple of the manufacturing grid.
 
-    `resistances`: values in ohms; `width`: wanted width in metres, None for the smallest width that the rules and
-    `matching` permit; `matching`: wanted standard deviation of the relative resistance, None for no limit. The
-    deviation is ``coefficient / sqrt(width * length)`` (Pelgrom et al. 1989). Raises InputError for values that cannot
-    be drawn.
+    `resistances`: values in ohms; `width`: wanted width in metres, rounded up, None for the smallest width that the
+    rules and `matching` permit; `matching`: wanted standard deviation of the smallest resistance, relative to its mean,
+    None for no limit. The deviation is ``coefficient / sqrt(width * length)`` with the coefficient `Resistor.pelgrom`
+    (Pelgrom et al. 1989). Raises InputError for values that cannot be drawn, and for `width` together with `matching`.
     """
     least = rules.even(rules.width)
     if width is not None and matching is not None:

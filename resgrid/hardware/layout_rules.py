@@ -157,18 +157,20 @@ class LayoutRules:
         """Return the resistance of a drawn body, in ohms.
 
         ``R = sheet * (straight / (width + width_offset) + corners * bend_squares) + 2 * end_resistance / width`` with
-        ``straight = area / width - corners * width``.  `area`: area of the body in nm^2; `width`: its width in nm;
-        `corners`: number of its right-angled corners.
+        ``straight = area / width - corners * width``; the typical sheet resistance ``sheet`` (ohms per square),
+        ``bend_squares`` and ``end_resistance`` are those of `resistor`.  `area`: area of the body in nm^2; `width`: its
+        width in nm; `corners`: number of its right-angled corners.
         """
         straight = (area - corners * width * width) / width
         squares = straight / (width + self.width_offset) + corners * self.resistor.bend_squares
         return self.resistor.sheet_resistance * squares + 2e9 * self.resistor.end_resistance / width
 
     def length(self, resistance: float, width: int, corners: int) -> float:
-        """Return the length of the body of a resistor along its centre line, in nanometres.
+        """Return the length of the body of a resistor along its centre line, in nanometres, not rounded to the grid.
 
-        At corners the centre line runs through the centre of the corner's square. `resistance`: resistance in ohms;
-        `width`: width of the body in nm; `corners`: number of its right-angled corners.
+        At corners the centre line runs through the centre of the corner's square. If the ends alone exceed the
+        resistance, the result is negative. `resistance`: resistance in ohms; `width`: width of the body in nm;
+        `corners`: number of its right-angled corners.
         """
         body = resistance - 2e9 * self.resistor.end_resistance / width
         squares = body / self.resistor.sheet_resistance - corners * self.resistor.bend_squares

@@ -37,8 +37,8 @@ def _expand(
 ) -> None:
     """Add the rectangles of a cell at several origins, with those of the cells that it contains, to `found`.
 
-    `cells`: all cells by name; `origins` (n, 2): places of the cell, in nanometres; `window`: only rectangles that
-    touch it, None for all; `layers`: only these layers, None for all; `found`: arrays (rectangles, 4) by layer,
+    `cells`: all cells by name; `origins` (n, 2): places of the cell's origin, in nanometres; `window`: only rectangles
+    that touch it, None for all; `layers`: only these layers, None for all; `found`: arrays (rectangles, 4) by layer,
     extended.
     """
     for layer, *corners in cell.boxes:

@@ -23,8 +23,8 @@ class TileGeometry:
 
     `px`, `py`: distances between tiles along x and y; `start`: x at which the bodies of resistors begin; `upper`: y of
     row 0 of the resistor along y; `back`: y of the centre of the wire of metal 1 from the resistor along y to the next
-    tile; `wire`: width of such wires; `low`, `high`: lower and upper end of the bar; `link`: width of a wire of metal 2
-    or 3 between goal cells; `stripe`: y of the lower and upper edge of the obstacle rail's wire of metal 2.
+    tile; `wire`: width of such wires; `low`, `high`: y of the lower and upper end of the bar; `link`: width of a wire
+    of metal 2 or 3 between goal cells; `stripe`: y of the lower and upper edge of the obstacle rail's wire of metal 2.
     """
 
     px: int

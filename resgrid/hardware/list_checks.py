@@ -40,7 +40,8 @@ def check_lists(record: HardwareRecord, folder: Path) -> list[str]:
 def _voltage_differences(record: HardwareRecord, rows: list[dict[str, str]]) -> Iterator[str]:
     """Yield a message for every difference between a list of expected voltages and the record.
 
-    `rows`: lines of the list, each as texts by column name.
+    Voltages may differ by the rounding to the digits of the list. `rows`: lines of the list, each as texts by column
+    name.
     """
     pads = {part.reference: part.nets[0] for part in record.parts if part.type == "test_pad"}
     listed = {row["pad"]: row for row in rows}

@@ -25,8 +25,9 @@ def copper_layer(text: str) -> int | None:
 
 
 def compare_order(folder: Path, layers: Mapping[int, Sequence[CopperShape]], holes: Iterable[Hole]) -> list[str]:
-    """Return a message for every difference between the archive for a manufacturer and the board.
+    """Return a message for every copper layer of the archive for a manufacturer that differs from the board.
 
+    A further message follows if the holes differ. Outlines and holes must be equal, without a tolerance.
     `folder`: folder of the board, perhaps with ``gerbers.zip``; `layers`: copper of the board by number of the layer;
     `holes`: all holes of the board.  Without an archive there is no message.
     """

@@ -56,7 +56,8 @@ _LINK_SPACING = 4.2
 class Channel:
     """A pin of a header row for a converter.
 
-    `cell`: the cell (column, row) whose voltage it carries; `net`: net of the cell; `pin`: place (x, y) in millimetres.
+    `cell`: the cell (column, row) whose voltage it carries; `net`: net of the cell; `pin`: place (x, y) of the pin, in
+    millimetres from the upper left corner of the sheet, y downwards.
     """
 
     cell: Index
@@ -78,10 +79,10 @@ class GoalTap:
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """Places of the parts of a board, in millimetres.
+    """Places of the parts of a board, in millimetres from the upper left corner of the sheet.
 
-    x points to the right and y downwards; cell (0, 0) is at the lower left. `circuit`: circuit of the board; `pitch`:
-    distance of neighbouring cells, in millimetres.
+    x points to the right and y downwards; cell (0, 0) is at the lower left of the grid. `circuit`: circuit of the
+    board; `pitch`: distance of neighbouring cells, in millimetres.
     """
 
     circuit: BoardCircuit
@@ -124,7 +125,7 @@ class Placement:
 
     @property
     def origin(self) -> Point:
-        """Place (x, y) of the upper left corner of the board, in millimetres."""
+        """Place (x, y) of the upper left corner of the board, in millimetres from that of the sheet."""
         return _ORIGIN
 
     @property

@@ -49,11 +49,12 @@ class Part:
     type : {"resistor", "jumper", "connector", "test_pad", "hole"}
         Type of the part.
     value : float or None
-        Resistance in ohms of a resistor, as the file realises it; None for other parts.
+        Resistance in ohms of a resistor as bought (E96 value) or drawn; None for other parts.
     nets : tuple of str
         Net of each pad or terminal, in the order of the pads' numbers.
     closed : tuple of int
-        Numbers of the pads, counted from 1, that the jumper plan joins; empty for an open jumper and for other parts.
+        Numbers of the pads of a jumper, counted from 1, that solder joins in this scene; empty for an open jumper and
+        for other parts.
 
     Examples
     --------
@@ -117,8 +118,8 @@ class HardwareRecord:
     sources : tuple of Supply
         Voltage sources outside the board or layout.
     voltages : mapping of str to float
-        Expected voltage of each net, in volts against net ``"0"``: the solution of `resgrid.solve` for exactly the
-        values of `parts`.
+        Expected voltage of each net with a resistor or a bond pad, in volts against net ``"0"``: the solution of
+        `resgrid.solve` for exactly the values of `parts`.
     nodes : mapping of str to tuple of int
         Cell (column, row) of each net that belongs to a cell; rails have no entry.
 

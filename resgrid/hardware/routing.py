@@ -110,7 +110,8 @@ def _links(placement: Placement) -> dict[str, Point]:
 def _goal_tracks(placement: Placement) -> Iterator[Track]:
     """Yield the tracks of goal regions on the back.
 
-    Each runs below the row of its first cell to the right, and outside the ring of the high rail down to its link.
+    Each begins at the cell of its region's `GoalTap`, runs below this cell's row to the right, and outside the ring of
+    the high rail down to the header that ties the region to ground.
     """
     _, _, right, bottom = placement.ring
     links = _links(placement)
@@ -123,7 +124,10 @@ def _goal_tracks(placement: Placement) -> Iterator[Track]:
 
 
 def _jumpers(placement: Placement) -> Iterator[Track | Via]:
-    """Yield the tracks of solder jumpers to the node of the cell, to the plane, and to the goal rail of the row."""
+    """Yield the tracks of solder jumpers to the cell's node, to the plane, and to the row's track of the goal rail.
+
+    These tracks of the goal rail are included; a board of kind "fixed" has none of them.
+    """
     circuit = placement.circuit
     if circuit.kind == "fixed":
         return

@@ -29,8 +29,8 @@ CHEAP = 100.0
 def format_readme(board: Board, yields: Mapping[int, Proportion], *, manufactured: bool) -> str:
     """Return the text of ``README.md`` in the folder of a board.
 
-    `yields`: fraction of starts that arrive, by the resolution of the converter in bits; `manufactured`: whether the
-    folder contains the files for a manufacturer.
+    `yields`: fraction of free cells from which a simulated robot arrives at a goal, by the resolution of the converter
+    in bits; `manufactured`: whether the folder contains the files for a manufacturer.
     """
     parts = (
         _head(board),
@@ -179,7 +179,8 @@ are negative then. Any other supply of up to {most:.2g} V also works: all voltag
 def _yield(board: Board, yields: Mapping[int, Proportion]) -> str:
     """Return the section about the predicted yield as Markdown.
 
-    `yields`: fraction of starts that arrive, by the resolution of the converter in bits.
+    `yields`: fraction of free cells from which a simulated robot arrives at a goal, by the resolution of the converter
+    in bits.
     """
     advice = "If too few starts arrive, take a finer converter."
     if board.circuit.wiring.boundary == "dirichlet":

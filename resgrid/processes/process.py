@@ -75,13 +75,13 @@ class Cut:
     enclosure_below, enclosure_above : float
         Smallest overlap of the layers `below` and `above` over the square on every side, in micrometres.
     array_space : float or None
-        Distance of squares in arrays of more than `array_rows` rows and columns, in micrometres.
+        Distance of squares in arrays of more than `array_rows` rows and columns, in micrometres; None without a rule.
     array_rows : int or None
-        Largest number of rows or columns for which `space` suffices.
+        Largest number of rows or columns for which `space` suffices; None without a rule.
     resistance : float or None
-        Resistance of one cut, in ohms.
+        Resistance of one cut, in ohms; None if the source does not give it.
     max_current : float or None
-        Largest direct current of one cut, in amperes.
+        Largest direct current of one cut, in amperes; None if the source does not give it.
 
     Examples
     --------
@@ -114,7 +114,7 @@ class Pad:
     size, space : float
         Side of a pad and distance of pads, in micrometres.
     opening : str or None
-        Name of the layer that opens the passivation.
+        Name of the layer that opens the passivation, None without such a layer.
     opening_enclosure : float
         Overlap of the pad over the opening, in micrometres.
 
@@ -138,7 +138,7 @@ class Resistor:
     """A straight resistor: a body of width W and length L between two heads with contacts.
 
     The resistance is ``Rs L / (W + dW) + 2 Rz / W``, with the sheet resistance ``Rs``, the width correction ``dW`` and
-    the end resistance ``Rz``.
+    the end resistance ``Rz``.  An attribute is None if the source does not give the figure.
 
     Attributes
     ----------
@@ -147,7 +147,7 @@ class Resistor:
     sheet_resistance : float
         Typical sheet resistance ``Rs``, in ohms per square.
     corners : mapping of str to float
-        Sheet resistance at the corners ``"low"`` and ``"high"``, in ohms per square.
+        Sheet resistance at the corners ``"low"`` and ``"high"``, in ohms per square, as far as the source states them.
     width_correction : float
         Electrical width minus drawn width ``dW``, in micrometres.
     end_resistance : float

@@ -32,10 +32,10 @@ class Control:
     speed : float or None
         Nominal speed, in axis units per second; by default a twentieth of the longest axis.
     speed_limits : tuple of float or None
-        Largest speed of each joint or world coordinate, per second: one for all, or one per axis.
+        Largest speed of each joint or world coordinate, in axis units per second: one for all, or one per axis.
     admittance : tuple of float or None
-        Matrix that maps a contact force to a velocity: one number for a multiple of the identity, a diagonal, or all
-        entries row by row; by default the number ``speed``.
+        Matrix that maps a contact force to a velocity in axis units per second: one number for a multiple of the
+        identity, a diagonal, or all entries row by row; by default the number ``speed``.
     response : {"equipotential", "admittance"}
         Response to a contact force: a turn along the equipotential, or a velocity by the admittance.
     friction : float
@@ -56,7 +56,8 @@ class Control:
     push : tuple of tuple of float
         External forces, each as start time and duration, in seconds, and the generalised force, one entry per axis.
     pushes : int
-        Number of additional external forces, at random times and in random directions.
+        Number of additional external forces in random directions, at random times within the time T in which the robot
+        could move along the longest axis; each lasts T / 20.
     push_size : float
         Euclidean norm of each random external force.
     settle : {"chip", "jacobi", "sor"} or None
@@ -129,8 +130,9 @@ class Control:
 def admittance_matrix(admittance: ArrayLike, ndim: int) -> NDArray[np.float64]:
     """Return the symmetric positive definite admittance matrix (ndim, ndim), which is read-only.
 
-    The matrix maps a contact force to a velocity.  `admittance`: one number () or (1,) for a multiple of the identity;
-    the diagonal (ndim,); or all entries row by row, (ndim**2,) or (ndim, ndim); `ndim`: number of axes.
+    The matrix maps a contact force to a velocity in axis units per second.  `admittance`: one number () or (1,) for a
+    multiple of the identity; the diagonal (ndim,); or all entries row by row, (ndim**2,) or (ndim, ndim); `ndim`:
+    number of axes.  Raises InputError for other shapes and for a matrix that is not symmetric positive definite.
     """
     try:
         matrix = np.array(admittance, dtype=np.float64)

@@ -30,8 +30,8 @@ class GoalPoint:
     point : tuple of float
         World coordinates; for a robot that turns, a place in the plane, with or without a heading.
     tolerance : float
-        Largest distance of the robot's reference point from the place; the goal is then a disc or ball.  A heading
-        given in `point` has no tolerance.
+        Largest distance of the robot's reference point from the place, in the unit of the place; above 0, the goal is a
+        disc or ball.  A heading given in `point` has no tolerance.
     heading : float or None
         Heading at the goal, in radians, of a robot without a heading of its own (a point or a disc): the orientation of
         the last pose for ROS.
@@ -165,7 +165,7 @@ class CostArea:
     shape : Shape
         Region of configuration space (for points and discs, of the world).
     conductivity : float
-        Conductivity of its cells, above 0; other cells have 1.
+        Conductivity of the cells whose centre lies in the region, above 0; other cells have 1.
 
     Raises
     ------

@@ -45,8 +45,8 @@ class Mask:
         Unit of the limits `base + multiplier * occupancy`: percent of the robot's largest speed, or length per second
         (speed).
     base, multiplier : float
-        Coefficients of the limits.  A pixel of occupancy 0 has no limit, nor has one whose limit is 0 or out of range
-        (speed).
+        Coefficients of the limits.  A pixel of occupancy 0 has no limit, nor has one whose limit is 0, negative, or
+        above 100 percent (speed).
 
     Raises
     ------

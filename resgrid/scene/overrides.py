@@ -102,7 +102,7 @@ def build_changed(document: Document, changes: Mapping[str, Any], known: MapRead
 
 
 def _lines_of_file(lines: Mapping[KeyPath, int], changes: Mapping[str, Any]) -> dict[KeyPath, int]:
-    """Return the line number of every key that comes from the scene file, and 0 for every changed key, by key path.
+    """Return the line number of every key from the scene file, and 0 (no line) for every changed key, by key path.
 
     `lines`: line numbers in the file by key path (tuple of names and indices); `changes`: new values by key path as
     text, such as ``chip.supply``.

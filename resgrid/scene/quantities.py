@@ -113,8 +113,8 @@ def parse_fraction(value: object) -> float:
 def prefix_of(value: float) -> tuple[int, str]:
     """Return the exponent of a value's SI prefix and the prefix: (3, "k") for 4700.
 
-    The exponent is the multiple of three, between -24 and 12, for which ``value / 10**exponent`` has a magnitude from 1
-    to 1000; it is 0 for 0 and for values that are not finite.
+    The exponent is the multiple of three for which ``value / 10**exponent`` has a magnitude from 1 to below 1000,
+    limited to the range from -24 to 12; it is 0 for 0 and for values that are not finite.
     """
     power = 3 * floor(log10(abs(value)) / 3) if value and isfinite(value) else 0
     power = min(max(power, min(PREFIXES)), max(PREFIXES))

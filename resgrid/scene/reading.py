@@ -71,8 +71,9 @@ def read_scene(file: str | os.PathLike[str], **options: Any) -> Scene:
     **options
         Options of the map reader: ``format``, ``dialect``, ``unknown``, ``lethal``, ``least_conductivity``,
         ``passable``, ``threshold``, ``occupied``, ``spacing``, ``scale``, ``position``, ``rotation``, ``origin``,
-        ``unit``, ``periodic``, ``headings``, and of its preparation: ``crop``, ``coarsen``, ``refine``.  For every
-        scene, the keywords of `Scene.replace`, such as ``goal=(3.5, 4.5)``, ``k=0.5`` or ``boundary="neumann"``.
+        ``unit``, ``periodic``, ``headings``, and of its preparation: ``crop``, ``coarsen``, ``refine``,
+        ``inflate_around_unknown``.  For every scene, the keywords of `Scene.replace`, such as ``goal=(3.5, 4.5)``,
+        ``k=0.5`` or ``boundary="neumann"``.
 
     Returns
     -------
@@ -102,7 +103,7 @@ def read_scene(file: str | os.PathLike[str], **options: Any) -> Scene:
 def read_document(file: str | os.PathLike[str], table: Mapping[str, Any]) -> Document:
     """Return the unvalidated document of a scene file or map.
 
-    `file`: path, or name of a shipped scene; `table`: options of the map reader by name, such as ``resolution``.
+    `file`: path, or name of a shipped scene; `table`: options of the map reader by name, such as ``spacing``.
     """
     path = shipped_scene(file) or Path(file)
     if path.suffix.lower() != ".toml":

@@ -47,7 +47,8 @@ def build_space(
     require_goal : bool
         Whether a scene without any goal is an error.
     progress : callable, optional
-        Called as ``progress(done, total)`` during the computation of obstacle cells.
+        Called as ``progress(done, total)`` during the computation of obstacle cells, with the finished and the total
+        amount of work in arbitrary units.
     executor : concurrent.futures.Executor, optional
         Executor that shares the computation of obstacle cells, for a robot from a URDF file; see `open_executor`.
 
@@ -135,8 +136,9 @@ def _obstacles(scene: Scene) -> list[Shape]:
 
 
 def goal_cells(scene: Scene, goal: Goal, blocked: NDArray[np.bool_], key: str) -> GoalCells:
-    """Return the free cells of a goal, each with a configuration that solves the goal.
+    """Return the mask of the free cells of a goal, and for each such cell a configuration that solves the goal.
 
+    Configurations are in axis units; for a `GoalCell`, of which every point is a solution, they are NaN.
     `blocked`: mask of obstacle cells, shape of the space; `key`: key path of the goal, for messages.  Raises InputError
     if the goal lies outside the grid, is out of reach, or consists of obstacle cells.
     """
@@ -206,10 +208,11 @@ def _region(scene: Scene, goal: Goal) -> GoalCells:
 
 
 def map_goals(scene: Scene, blocked: NDArray[np.bool_], where: str) -> GoalCells:
-    """Return the free cells of the space that are goal cells of the scene's map.
+    """Return the mask of the free cells of the space that are goal cells of the scene's map, and NaN for each.
 
-    `blocked`: mask of obstacle cells, shape of the space; `where`: name of the scene, for messages.  Raises InputError
-    if all of them are obstacle cells.
+    NaN in place of a configuration means that every point of the cell is a solution. `blocked`: mask of obstacle cells,
+    shape of the space; `where`: name of the scene, for messages.  Raises InputError if all goal cells of the map are
+    obstacle cells.
     """
     if scene.map is None or not (scene.map.cell == Cell.GOAL).any():
         return GoalCells(np.zeros_like(blocked), np.empty((0, scene.ndim)))

@@ -64,7 +64,7 @@ class Scene:
     mask : tuple of Mask
         Masks over the world, with keep-out areas or speed limits.
     map : MapCells or None
-        Cells read from a map file.
+        Cells read from a map file; None without a map.
     frame : Frame
         Transformation from the coordinates of the space to world coordinates.
     boundary : {"dirichlet", "neumann", "wall"}
@@ -91,7 +91,7 @@ class Scene:
     sampling : {"conservative", "centre"}
         Criterion of a free cell: every configuration of the cell is free of collision, or its centre is.
     source : str or None
-        Name of the scene file.
+        Name of the scene file or text, for messages; None for a scene that was built in Python.
 
     Raises
     ------

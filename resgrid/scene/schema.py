@@ -178,7 +178,10 @@ class _Implied(TableModel):
 
 
 def _axis(cells: int | None, spacing: float | None, lower: float, upper: float, **keys: Any) -> Axis:
-    """Return the axis of a table with either the number of cells or their width; raise ValueError otherwise."""
+    """Return the axis of a table with either the number of cells or their width; raise ValueError otherwise.
+
+    `cells`: number of cells; `spacing`: their width; the absent one is None; `lower`, `upper`: ends of the axis.
+    """
     if (cells is None) == (spacing is None):
         raise ValueError("give either cells or spacing, not " + ("both" if cells else "neither"))
     if spacing is not None and lower < upper:

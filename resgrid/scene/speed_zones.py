@@ -17,7 +17,9 @@ from resgrid.scene.mask import Mask
 
 
 class SpeedLimits(NamedTuple):
-    """Speed limits of n points or segments: `fraction` (n,) of the robot's largest speed, `speed` (n,) in length/s.
+    """Speed limits of n points or segments.
+
+    `fraction` (n,): fraction of the robot's largest speed; `speed` (n,): speed in units of the world per second.
 
     Without a limit, the fraction is 1 and the speed is infinite.
     """
@@ -65,7 +67,8 @@ class SpeedZones:
     def widened(self, distance: float) -> SpeedZones:
         """Return zones with the smallest limit of all pixels within a distance of each pixel, also outside the masks.
 
-        The zones hold for a motion that deviates from its path by at most `distance`, in units of the world.
+        The zones hold for a motion that deviates from its path by at most `distance`, in units of the world, which is
+        rounded up to whole pixels.
         """
         if not distance:
             return self
@@ -96,7 +99,10 @@ class SpeedZones:
         return np.concatenate(corners), np.array(origin), SpeedLimits(np.concatenate(fraction), np.concatenate(speed))
 
     def _cuts(self, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return 0, 1 and the fractions of a segment at which it crosses borders between pixels, ascending."""
+        """Return 0, 1 and the fractions of a segment at which it crosses borders between pixels, ascending, (n,).
+
+        `start`, `end` (d,): ends of the segment in world coordinates.
+        """
         cuts = [np.array([0.0, 1.0])]
         for zone in self.zones:
             low, high = zone.grid.pixels(np.array([start[:2], end[:2]]))

@@ -14,10 +14,11 @@ from resgrid.scene.scene import Scene
 
 
 def tolerant_goal(scene: Scene, point: Point, tolerance: float) -> GoalCells:
-    """Return the goal cells within a distance of a goal point in axis units, each with a configuration of the goal.
+    """Return the mask of the cells within a distance of a goal point, and for each a configuration of the goal.
 
-    `point`: place of the reference point, or a configuration (x, y, heading), whose heading has no tolerance;
-    `tolerance`: largest distance of the reference point.
+    Obstacle cells are included. `point`: place of the reference point, or a configuration (x, y, heading), whose
+    heading has no tolerance; `tolerance`: largest distance of the reference point, in the unit of its place. The
+    configurations are in axis units.
     """
     robot, axes = scene.robot, scene.axes
     if robot.base is not None or robot.moves_in_workspace or len(point) < len(axes):

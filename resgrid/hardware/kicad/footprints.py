@@ -21,7 +21,7 @@ PIN_SPACING = 2.54
 class Pad:
     """A pad of a footprint.
 
-    `number`: text such as "1", empty for a hole without copper; `x`, `y`: centre relative to the footprint's centre, in
+    `number`: text such as "1", empty for a hole without copper; `x`, `y`: centre relative to the footprint's origin, in
     millimetres, y downwards; `width`, `height`: in millimetres; `shape`: "circle", "rect" or "roundrect"; `drill`:
     diameter of the hole in millimetres, 0 for a pad on the front without a hole.
     """
@@ -37,7 +37,7 @@ class Pad:
 
 @dataclass(frozen=True)
 class Footprint:
-    """A footprint in the library of a board's folder; all lengths are in millimetres.
+    """A footprint in the library of a board's folder; lengths are in mm from the footprint's origin, y downwards.
 
     `name`: its name; `about`: description; `pads`: the pads; `silk`: lines (x0, y0, x1, y1) on the front silkscreen;
     `courtyard`: rectangle (x0, y0, x1, y1) that other parts must leave free, None without one; `attributes`: KiCad's
@@ -56,11 +56,12 @@ class Footprint:
 class PlacedFootprint:
     """A footprint on the board.
 
-    `footprint`: the footprint; `reference`, `value`: texts such as R7 and 10k; `x`, `y`: centre in millimetres, y
-    downwards; `turn`: rotation in degrees, counterclockwise: 0, 90, 180 or 270; `nets`: net of each pad; `label`: place
-    (x, y) of the reference on the board's silkscreen in mm, None if only the fabrication layer shows it; `label_turn`:
-    rotation of the reference in degrees; `label_size`: width and height of its letters in mm; `path`: path of the
-    part's symbol in the schematic, empty without one.
+    Places are in millimetres from the upper left corner of the sheet, y downwards. `footprint`: the footprint;
+    `reference`, `value`: texts such as R7 and 10k; `x`, `y`: centre; `turn`: rotation in degrees, counterclockwise: 0,
+    90, 180 or 270; `nets`: nets of the pads of `footprint`, in their order; `label`: place (x, y) of the reference on
+    the silkscreen, None if only the fabrication layer shows it; `label_turn`: rotation of the reference in degrees;
+    `label_size`: width and height of its letters in mm; `path`: UUIDs that lead to the part's symbol in the schematic,
+    empty without one.
     """
 
     footprint: Footprint
@@ -258,7 +259,8 @@ def _pad(pad: Pad, key: str, net: tuple[int, str] | None, turn: int) -> Node:
 class Graphics:
     """Lines and texts of a board that belong to no part.
 
-    `lines`: ends and width in millimetres, and name of the layer: (x0, y0, x1, y1, width, layer); `texts`: the texts.
+    `lines`: ends and width, and name of the layer: (x0, y0, x1, y1, width, layer), in millimetres from the upper left
+    corner of the sheet, y downwards; `texts`: the texts.
     """
 
     lines: list[tuple[float, float, float, float, float, str]] = field(default_factory=list)
@@ -269,9 +271,10 @@ class Graphics:
 class Text:
     """A text on the silkscreen.
 
-    `text`: its words; `x`, `y`: anchor in millimetres, y downwards; `size`: width and height of letters in millimetres;
-    `turn`: rotation in degrees; `layer`: name of the layer; `align`: side of the text at the anchor: "left", "right",
-    or "" for the centre; `thickness`: width of its lines in millimetres.
+    `text`: its words; `x`, `y`: anchor in millimetres from the upper left corner of the sheet, y downwards; `size`:
+    width and height of letters in millimetres; `turn`: rotation in degrees, counterclockwise; `layer`: name of the
+    layer; `align`: side of the text at the anchor: "left", "right", or "" for the centre; `thickness`: width of its
+    lines in millimetres.
     """
 
     text: str

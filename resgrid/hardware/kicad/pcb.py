@@ -33,7 +33,8 @@ _LAYERS: tuple[tuple[int, str, str, str], ...] = (
 class Track:
     """A straight piece of copper.
 
-    `start`, `stop`: ends in mm; `net`: its net; `layer`: name of the copper layer; `width`: in mm.
+    `start`, `stop`: ends (x, y) in mm from the upper left corner of the sheet, y downwards; `net`: its net; `layer`:
+    name of the copper layer; `width`: in mm.
     """
 
     start: Point
@@ -47,7 +48,8 @@ class Track:
 class Via:
     """A plated hole that joins both copper layers.
 
-    `x`, `y`: centre; `net`: its net; `size`, `drill`: diameters of the copper and of the hole; lengths are in mm.
+    `x`, `y`: centre, from the upper left corner of the sheet, y downwards; `net`: its net; `size`, `drill`: diameters
+    of the copper and of the hole; lengths are in mm.
     """
 
     x: float
@@ -59,10 +61,11 @@ class Via:
 
 @dataclass(frozen=True)
 class Plane:
-    """A filled area of copper; lengths are in millimetres.
+    """A filled area of copper.
 
-    `net`: its net; `layer`: name of the copper layer; `outline`: corners of the zone that may be filled; `filled`:
-    corners of each polygon of copper; `clearance`: declared distance from copper of other nets.
+    Lengths are in millimetres, from the upper left corner of the sheet, y downwards. `net`: its net; `layer`: name of
+    the copper layer; `outline`: corners of the zone that may be filled; `filled`: corners of each polygon of copper;
+    `clearance`: distance from copper of other nets that the board file states.
     """
 
     net: str
@@ -76,9 +79,10 @@ class Plane:
 class BoardDrawing:
     """Contents of a board file.
 
-    `title`, `revision`, `comments`: texts of the title block; `size`: width and height in millimetres; `origin`: upper
-    left corner; `radius`: radius of the rounded corners in millimetres; `paper`: name of the sheet's size;
-    `footprints`: placed parts; `tracks`, `vias`, `plane`: copper; `graphics`: printed lines and texts.
+    `title`, `revision`, `comments`: texts of the title block; `size`: width and height of the board; `origin`: upper
+    left corner (x, y) of the board, from that of the sheet, y downwards; `radius`: radius of the board's rounded
+    corners; lengths are in millimetres; `paper`: name of the sheet's size; `footprints`: placed parts; `tracks`,
+    `vias`, `plane`: copper; `graphics`: printed lines and texts.
     """
 
     title: str

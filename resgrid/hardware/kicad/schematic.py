@@ -36,10 +36,11 @@ class TextPlace:
 class PlacedSymbol:
     """A symbol on a sheet.
 
-    `symbol`: the symbol; `reference`, `value`: texts such as R7 and 10k; `x`, `y`: centre in millimetres, y downwards;
-    `turn`: rotation in degrees, counterclockwise; `footprint`: name of its footprint with the library, such as
-    ``resgrid:R_0603``; `reference_at`, `value_at`: places of the texts, None if hidden; `simulation`: fields of the
-    simulation model by name, None if the simulation leaves the symbol out.
+    `symbol`: the symbol; `reference`, `value`: texts such as R7 and 10k; `x`, `y`: centre in millimetres from the upper
+    left corner of the sheet, y downwards; `turn`: rotation in degrees, counterclockwise; `footprint`: name of its
+    footprint with the library, such as ``resgrid:R_0603``, empty without one; `reference_at`, `value_at`: places of the
+    texts, None if hidden; `simulation`: fields of the simulation model by name, empty without any, None if the
+    simulation leaves the symbol out.
     """
 
     symbol: Symbol
@@ -56,12 +57,13 @@ class PlacedSymbol:
 
 @dataclass
 class Sheet:
-    """A sheet of the schematic, extended while it is drawn; places are (x, y) in millimetres, y downwards.
+    """A sheet of the schematic, extended while it is drawn.
 
-    `name`: its title, empty for the root; `paper`: name of its size; `symbols`: symbols; `wires`: ends of each wire;
-    `junctions`: places at which wires are joined; `labels`: net, place and rotation in degrees; `notes`: text, place
-    and height of letters; `areas`: two opposite corners and red, green, blue from 0 to 255; `children`: further sheets,
-    with place and size of their symbols.
+    Places are (x, y) in millimetres from the upper left corner of the sheet, y downwards. `name`: its title, empty for
+    the root; `paper`: name of its size; `symbols`: symbols; `wires`: ends of each wire; `junctions`: places at which
+    wires are joined; `labels`: net, place and rotation in degrees; `notes`: text, place and height of letters;
+    `areas`: two opposite corners and red, green, blue from 0 to 255; `children`: further sheets, with place of the
+    upper left corner, and width and height, of their symbols.
     """
 
     name: str

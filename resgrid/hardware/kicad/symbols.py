@@ -18,8 +18,9 @@ Line = tuple[tuple[float, float], ...]
 class Pin:
     """A pin of a symbol.
 
-    `number`: text such as "1"; `x`, `y`: its outer end in millimetres, y upwards; `turn`: direction from this end to
-    the symbol in degrees, counterclockwise from the right; `length`: in millimetres; `kind`: KiCad's electrical type.
+    `number`: text such as "1"; `x`, `y`: its outer end in millimetres from the symbol's origin, y upwards; `turn`:
+    direction from this end to the symbol in degrees, counterclockwise from the right; `length`: in millimetres;
+    `kind`: KiCad's electrical type.
     """
 
     number: str
@@ -32,7 +33,7 @@ class Pin:
 
 @dataclass(frozen=True)
 class Symbol:
-    """A symbol in the library of a board's folder; lengths are in millimetres, y upwards.
+    """A symbol in the library of a board's folder; lengths are in millimetres from the symbol's origin, y upwards.
 
     `name`: its name; `prefix`: beginning of references, such as R; `pins`: its pins; `lines`: corners of drawn lines;
     `circles`: centre x, y and radius; `power`: whether it gives a net its name; `simulated`: whether it is part of the
@@ -93,7 +94,7 @@ FLAG = Symbol(
 
 
 def connector(pins: int) -> Symbol:
-    """Return the symbol of a connector with pins in one column; pin 1 is at the top, at the origin."""
+    """Return the symbol of a connector with `pins` pins in one column; pin 1 is at the top, at y = 0."""
     end = -2.54 * (pins - 1)
     marks = tuple(_box(-1.27, -2.54 * k - 0.254, 0.254, -2.54 * k + 0.254) for k in range(pins))
     return Symbol(

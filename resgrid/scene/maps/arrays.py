@@ -188,9 +188,9 @@ def placed_axes(
     spacing
         Width of a cell; required for point clouds, otherwise 1 by default.
     origin
-        Lower corner of the map.
+        Lower corner of the map; by default all coordinates are 0.
     unit
-        Unit of lengths.
+        Unit of lengths; by default cell for a spacing of 1, otherwise m.
     """
     corner = [0.0] * len(shape) if origin is None else origin
     if len(corner) != len(shape):

@@ -105,7 +105,8 @@ def read_map(table: Mapping[str, Any], extent: float = 0.0) -> MapCells:
     """Return the cells of the map file that a ``[map]`` table names, cropped, and joined or divided as it demands.
 
     `table`: values by key; ``file`` is an absolute path, the other keys are options of the reader; `extent`: largest
-    distance from the robot's reference point to a point of the robot, for the obstacles around a cropped map.
+    distance from the robot's reference point to a point of the robot, in axis units, for the obstacles around a cropped
+    map.
     """
     path = Path(table["file"])
     name = format_of(path, table)

@@ -101,7 +101,7 @@ def read_movingai(path: Path, passable: str = PASSABLE) -> MapCells:
 
 
 def open_voxel_list(path: Path) -> tuple[list[int], NDArray[np.int32]]:
-    """Return the sizes along x, y and z of a MovingAI voxel map, and its obstacle voxels (n, 3).
+    """Return the sizes along x, y and z of a MovingAI voxel map, and its obstacle voxels as indices from 0, (n, 3).
 
     The file lists the obstacle voxels; all other voxels are free.
     """

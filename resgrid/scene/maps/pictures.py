@@ -116,7 +116,7 @@ def read_grey(path: Path, threshold: Annotated[int, Ge(0), Le(65536)] = THRESHOL
     Parameters
     ----------
     threshold
-        Smallest grey value of a free pixel.
+        Smallest grey value, from 0 (black) to 255 (white), of a free pixel.
     """
     grey = read_raster(path).grey
     return cells_from_rows(np.where(grey < threshold, Cell.OBSTACLE, Cell.FREE).astype(np.uint8))

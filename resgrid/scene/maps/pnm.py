@@ -49,7 +49,7 @@ def read_pnm(data: bytes, path: Path, bytes_per_pixel: int = BYTES_PER_CELL) -> 
     `data`: content of the file; `path`: for messages; `bytes_per_pixel`: memory that the caller needs per pixel, for
     the check of the available memory.  Blanks, tabs, line ends and comments (from ``#`` to the end of the line) may
     separate the numbers of the header; one blank character ends the header.  Values above 255 have two bytes, the high
-    byte first.  Bits are converted to grey, 0 for black.  Bytes after the last pixel are ignored.
+    byte first.  Bits become grey values, 0 for black and 1 for white.  Bytes after the last pixel are ignored.
     """
     header = _read_header(data, path)
     width, height, maxval, channels = header.width, header.height, header.maxval, header.channels

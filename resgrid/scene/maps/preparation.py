@@ -51,10 +51,10 @@ class Preparation:
     Attributes
     ----------
     crop
-        Part of the map that is kept: `"known"` (the smallest box with all cells of known occupancy), or lower and upper
-        corner of a box in world coordinates, `[x0, y0, x1, y1]` in the plane.  On a rotated map, the part is the
-        smallest rectangle of rows and columns that covers the box.  Obstacles outside the part that the robot can touch
-        from inside still count.
+        Part of the map that is kept, by default the whole map: `"known"` (the smallest box with all cells of known
+        occupancy), or lower and upper corner of a box in world coordinates, `[x0, y0, x1, y1]` in the plane.  On a
+        rotated map, the part is the smallest rectangle of rows and columns that covers the box.  Obstacles outside the
+        part that the robot can touch from inside still count.
     coarsen
         Number n of cells along each axis that are joined into one.  A coarse cell is free only if all its cells are
         free, and its conductivity is their smallest one.  Coarse cells that extend past the map are obstacles.
@@ -64,7 +64,7 @@ class Preparation:
         Whether the robot's body stays out of unknown cells that are obstacles; otherwise only its reference point does.
         Nav2's inflation layer has a parameter of this name, whose default is the opposite.
     extent
-        Largest distance from the robot's reference point to a point of the robot; not a key of files.
+        Largest distance from the robot's reference point to a point of the robot, in axis units; not a key of files.
     """
 
     crop: Literal["known"] | Annotated[tuple[float, ...], Len(2, 8)] | None = None
@@ -75,9 +75,10 @@ class Preparation:
 
     @classmethod
     def of(cls, table: Mapping[str, Any], extent: float) -> Preparation:
-        """Return the cropping and joining of cells that a ``[map]`` table demands, for a robot of a given `extent`.
+        """Return the cropping, joining and dividing of cells that a ``[map]`` table demands.
 
-        Raises InputError if the table both joins and divides cells.
+        `extent`: largest distance from the robot's reference point to a point of the robot, in axis units. Raises
+        InputError if the table both joins and divides cells.
         """
         given = {key: table[key] for key in KEYS if table.get(key) is not None}
         preparation = cls(**given, extent=extent)
@@ -198,7 +199,7 @@ def _require_joined_cells(axes: Sequence[Axis], kept: Window, step: int) -> None
 
 
 KEYS = tuple(item.name for item in fields(Preparation) if item.name != "extent")
-"""Keys of a ``[map]`` table that crop the map, or join or divide its cells."""
+"""Keys of a ``[map]`` table that crop the map or join or divide its cells, and ``inflate_around_unknown``."""
 
 
 @dataclass(frozen=True)

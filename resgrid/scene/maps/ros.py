@@ -102,7 +102,7 @@ class RosParts:
         return _cells(occupancy, self.header, axes_of_window(self.axes, window), self.frame, **self.options)
 
     def occupancies(self, rows: slice, columns: slice) -> NDArray[np.int8]:
-        """Return the occupancies of a part of the picture, top row first, 0 to 100 or -1 for unknown.
+        """Return the occupancies (height, width) of a part of the picture, top row first, 0 to 100 or -1 for unknown.
 
         `rows`, `columns`: part of the picture in pixels, row 0 at the top.
         """

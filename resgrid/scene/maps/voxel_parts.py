@@ -34,7 +34,7 @@ _BYTES_PER_POINT = 120
 """Estimated memory for finding the voxels of a point cloud, in bytes per point."""
 
 _LARGE = 64
-"""Number of voxels from which a cube is written to the array of cells alone.
+"""Volume in voxels from which a cube is written to the array of cells alone.
 
 Smaller cubes of equal size are written at once.
 """
@@ -110,7 +110,7 @@ def read_octomap_cells(
     Parameters
     ----------
     unknown
-        Treatment of cells of unknown occupancy.
+        Treatment of cells of unknown occupancy: obstacle or free.
     occupied
         Probability from which a voxel is occupied, for ``.ot`` files; ``.bt`` files contain no probabilities.
     """

@@ -37,9 +37,9 @@ _GOAL_TOPICS = ("goal_pose", "goal", "move_base_simple/goal")
 class Poses:
     """Poses of the robot in a recording, from transforms or from a topic of poses.
 
-    `buffer`: transforms, None if a topic of poses is used; `base_frame`: frame of the robot in the transforms;
-    `stamped`: for a topic of poses, sorted time stamps in nanoseconds and the poses at these times, by coordinate
-    frame; `ignored`: text about unusable transforms, None if there are none.
+    `buffer`: transforms, None if a topic of poses is used; `base_frame`: frame of the robot in the transforms, then
+    empty; `stamped`: for a topic of poses, sorted time stamps in nanoseconds and the poses at these times, by
+    coordinate frame; `ignored`: text about unusable transforms, None if there are none.
     """
 
     buffer: TransformBuffer | None = None
@@ -214,7 +214,8 @@ def read_bag(
     base_frame : str, optional
         Frame of the robot; by default ``base_link`` or ``base_footprint``.
     poses : bool
-        Whether to read poses of the robot.  Without transforms, the only topic of poses with covariance is used.
+        Whether to read poses of the robot.  Without transforms and without `base_frame`, the only topic of poses with
+        covariance is used; ``initialpose`` does not count.
     goals : bool
         Whether to use the only topic of goals (``/goal_pose``, ``/move_base_simple/goal``) without `goal_topic`.
 

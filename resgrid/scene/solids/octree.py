@@ -35,7 +35,7 @@ _NODE_TYPES = {
 }
 """Types of a node in ``.ot`` files by the ``id`` in the header.
 
-`value`: log-odds of occupancy; `children`: one bit for each of the eight possible children.
+`value`: natural logarithm of the odds of occupancy; `children`: one bit for each of the eight possible children.
 """
 
 _BYTES_PER_NODE = (140.0, 320.0)
@@ -55,7 +55,7 @@ class Octree:
     A cube is the lower corner (x, y, z) and the width, in voxels from the lower corner of the root's cube.
     `resolution`: width of a voxel in metres; `free` (n, 4), `occupied` (m, 4): known leaves; `inner` (k, 4): lower
     corner of every inner node and half its width; `missing` (k, 8): mask of the children of each inner node that do not
-    exist.
+    exist. Bits 0, 1 and 2 of a child's index are 1 in the upper half along x, y and z.
     """
 
     resolution: float
@@ -155,8 +155,8 @@ def _full_leaves(body: bytes, dtype: np.dtype[np.void], size: int, scale: tuple[
     """Return the leaves of an ``.ot`` file, which holds all nodes in depth-first order.
 
     `body`: bytes after the header; `dtype`: type of a node, with its value and a bit for each existing child; `size`:
-    number of nodes according to the header; `scale`: log-odds from which a leaf is occupied, and width of a voxel in
-    metres.
+    number of nodes according to the header; `scale`: natural logarithm of the odds from which a leaf is occupied, and
+    width of a voxel in metres.
     """
     threshold, resolution = scale
     if size < 0 or len(body) < size * dtype.itemsize:
@@ -204,7 +204,8 @@ def _halved(cubes: NDArray[np.int32]) -> NDArray[np.int32]:
 def _child_cubes(inner: NDArray[np.int32], which: NDArray[np.bool_]) -> NDArray[np.int32]:
     """Return the cubes (n, 4) of marked children of inner nodes.
 
-    `inner` (m, 4): lower corner of every inner node and half its width; `which` (m, 8): marked children.
+    `inner` (m, 4): lower corner of every inner node and half its width; `which` (m, 8): mask of children, of whose
+    index the bits 0, 1 and 2 are 1 in the upper half along x, y and z.
     """
     node, child = np.nonzero(which)
     cubes = inner[node]

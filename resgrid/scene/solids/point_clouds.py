@@ -42,7 +42,7 @@ def read_point_cloud(
     Parameters
     ----------
     file : path-like
-        The file; its suffix decides the format.
+        The file, whose suffix is ``.ply`` or ``.pcd``.
     resolution : float
         Width of a voxel, in axis units.
     scale : float
