@@ -89,6 +89,8 @@ class ArmPlan:
         Start configuration.
     goal : ndarray of float64, shape (ndim,), or None
         Goal configuration; None for the goals of the scene.
+    is_solved : bool
+        Whether the planner has this goal; False after a goal that does not lie in a free cell.
     """
 
     def __init__(self, scene: Scene, space: ConfigurationSpace | None = None) -> None:
@@ -99,6 +101,7 @@ class ArmPlan:
         self.planner: Planner = plan(problem.space, self.wiring, k=self.k)
         self.lower, self.upper = (np.array([getattr(axis, end) for axis in scene.axes]) for end in ("lower", "upper"))
         self.goal: NDArray[np.float64] | None = None
+        self.is_solved = True
         self.start = np.array(scene.starts[0], dtype=np.float64) if scene.starts else farthest_start(self.planner)
 
     @property
@@ -138,8 +141,9 @@ class ArmPlan:
 
     def set_goal(self, goal: NDArray[np.float64]) -> None:
         """Solve again with one goal configuration (ndim,) in place of all goals, without computing free cells again."""
-        self.goal = goal
+        self.goal, self.is_solved = goal, False
         self.planner = plan(with_goal(self.planner.space, goal), self.wiring, k=self.k)
+        self.is_solved = True
 
     def motion(self) -> Motion:
         """Return the shortened path from the start as a motion, with times if the joints have velocity limits.
@@ -221,7 +225,13 @@ def require_arm(scene: Scene) -> URDFRobot:
 
 
 class Task(Protocol):
-    """Interface of a solved space whose goal can change, and whose path can be shown."""
+    """Interface of a solved space whose goal can change, and whose path can be shown.
+
+    `goal` (ndim,): goal configuration, None for the goals of the scene; `is_solved`: whether this goal was solved.
+    """
+
+    goal: NDArray[np.float64] | None
+    is_solved: bool
 
     def set_goal(self, goal: NDArray[np.float64]) -> None:
         """Solve again for a single goal configuration (ndim,)."""
@@ -236,8 +246,10 @@ class Task(Protocol):
 def answer(task: Task, goal: NDArray[np.float64] | None) -> Motion:
     """Return the motion of a task to the goal `goal` (ndim,), or for None to the goals that the task has.
 
-    After an error of resgrid, the motion stays at the start and contains the message of the error.
+    After an error of resgrid, the motion stays at the start and contains the message of the error.  A goal that caused
+    an error is tried again, and does not fall back to the goal before.
     """
+    goal = task.goal if goal is None and not task.is_solved else goal
     try:
         if goal is not None:
             task.set_goal(goal)

@@ -46,6 +46,7 @@ class PointPlan:
     ) -> None:
         self.planner, self.wiring, self.k, self.title = planner, wiring, k, title
         self.goal: NDArray[np.float64] | None = None
+        self.is_solved = True
         self.start = farthest_start(planner) if start is None else start
         self.lower, self.upper = self.space.lower, self.space.upper
 
@@ -115,8 +116,9 @@ class PointPlan:
 
     def set_goal(self, goal: NDArray[np.float64]) -> None:
         """Solve again for a single goal (3,); raise InputError if the goal lies in an obstacle."""
-        self.goal = goal
+        self.goal, self.is_solved = goal, False
         self.planner = plan(with_goal(self.space, goal), self.wiring, k=self.k)
+        self.is_solved = True
 
     def motion(self) -> Motion:
         """Return the path from the start as a motion at constant speed, without times in seconds.

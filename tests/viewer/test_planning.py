@@ -45,6 +45,9 @@ def test_blocked_goals_and_starts_are_reported_and_the_robot_stays(task: ArmPlan
     motion = answer(task, blocked)
     assert "the goal lies in a cell that is not proven free" in motion.text
     np.testing.assert_array_equal(motion.at(0.3), task.start)
+    task.start = task.start + 0.01
+    assert "the goal lies in a cell that is not proven free" in answer(task, None).text
+    assert "reached" in answer(task, np.array([-1.2, -0.6])).text
     task.start = blocked
     assert "start blocked" in answer(task, None).text
 

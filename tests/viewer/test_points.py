@@ -40,6 +40,8 @@ def test_a_path_is_shown_with_its_own_start_and_circuit(planner: rg.planning.Pla
 def test_goals_and_starts_in_obstacles_are_reported(planner: rg.planning.Planner) -> None:
     task = PointPlan.of_path(planner.path((0.6, 0.7, 2.1)))
     assert "the goal lies in a cell" in answer(task, np.array([2.2, 1.0, 1.0])).text
+    task.start = task.start + 0.01
+    assert "the goal lies in a cell" in answer(task, None).text
     motion = answer(task, np.array([3.3, 2.9, 0.2]))
     np.testing.assert_allclose(motion.configurations[-1], [3.3, 2.9, 0.2], atol=0.5)
     task.start = np.array([2.2, 1.0, 1.0])
