@@ -231,11 +231,11 @@ def _conductivity(scene: Scene, keepouts: Sequence[Keepout]) -> NDArray[np.float
     conductivity = np.ones(tuple(axis.cells for axis in scene.axes))
     if costs is not None:
         conductivity[:] = _over_map(scene, costs, "map.least_conductivity: the costs of places")
-    for effect in weighted:
-        np.minimum(conductivity, over_map(effect.conductivity, scene.axes), out=conductivity)
     for area in scene.areas:
         inside = PointRobot().occupancy(scene.axes, [to_space(area.shape, scene.frame)], "centre")
         conductivity[inside] = area.conductivity
+    for effect in weighted:  # after the areas, because a mask states the largest conductivity of its cells
+        np.minimum(conductivity, over_map(effect.conductivity, scene.axes), out=conductivity)
     return conductivity
 
 

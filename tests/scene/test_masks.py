@@ -306,3 +306,17 @@ def test_links_and_scenes_on_the_live_page_cannot_name_masks():
         read_link(f"http://127.0.0.1/#s={code}")
     with pytest.raises(rg.InputError, match="needs the files of its masks"):
         open_document(document)
+
+
+def test_a_mask_bounds_the_conductivity_of_cost_areas(tmp_path):
+    file = write(tmp_path, np.full((10, 10), FREE))
+    occupancy = np.zeros((10, 10), int)
+    occupancy[:5] = 90
+    mask = rg.Mask(str(write_raw(tmp_path, occupancy)), "keepout", least_conductivity=0.01)
+    area = rg.CostArea(rg.HalfSpace((1.0, 0.0), 5.0), 0.8)
+    plain, masked, both = (
+        rg.build_space(rg.read_scene(file, **keys), require_goal=False).conductivity
+        for keys in ({"areas": (area,)}, {"mask": (mask,)}, {"areas": (area,), "mask": (mask,)})
+    )
+    np.testing.assert_array_equal(both, np.minimum(plain, masked))
+    assert (both < plain).any() and (both < masked).any()
