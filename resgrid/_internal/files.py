@@ -46,7 +46,7 @@ def read_bytes(
 ) -> bytes:
     """Return the bytes of a file; raise InputError if the file cannot be read or is too large.
 
-    `path`: path of the file; `limit`: maximum size in bytes (pipes have no limit), None for no limit; `name`: name of
+    `path`: path of the file; `limit`: maximum size in bytes, None for no limit; `name`: name of
     the file in messages, by default the path; `first`: number of bytes to read, -1 for all; `piped`: whether a pipe is
     accepted.
     """
@@ -62,7 +62,10 @@ def read_bytes(
         if limit is not None and status.st_size > limit:
             raise InputError(f"{said}: {status.st_size} bytes are too many (at most {limit}); is it the right file?")
         with path.open("rb") as file:
-            return file.read(first)
+            data = file.read(first if limit is None or first >= 0 else limit + 1)
+        if limit is not None and len(data) > limit:  # a pipe, or a file that has grown
+            raise InputError(f"{said}: more than {limit} bytes are too many; is it the right file?")
+        return data
     except InputError:
         raise
     except FileNotFoundError:

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 import resgrid as rg
-from resgrid._internal.files import atomic_path, whole_folder, write_bytes, write_text
+from resgrid._internal.files import atomic_path, read_bytes, whole_folder, write_bytes, write_text
 
 
 def names(folder: Path) -> list[str]:
@@ -33,6 +33,18 @@ def test_permissions_follow_the_umask(tmp_path: Path) -> None:
     finally:
         os.umask(before)
     assert path.stat().st_mode & 0o777 == 0o640
+
+
+@pytest.mark.parametrize("size", [10, 11])
+def test_a_pipe_has_the_limit_of_a_file(tmp_path: Path, size: int) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    with subprocess.Popen([sys.executable, "-c", f"open({str(pipe)!r}, 'wb').write(b'x' * {size})"]):
+        if size > 10:
+            with pytest.raises(rg.InputError, match="more than 10 bytes"):
+                read_bytes(pipe, 10)
+        else:
+            assert read_bytes(pipe, 10) == b"x" * 10
 
 
 @pytest.mark.parametrize("failure", [ValueError, KeyboardInterrupt])
