@@ -75,9 +75,12 @@ def unfinished_file(name: str, key: str) -> Iterator[Path | None]:
         if folder is not None:
             with contextlib.suppress(OSError):
                 folder.mkdir(parents=True, exist_ok=True)
-                lock = stack.enter_context((folder / f"{name}-{key}.lock").open("w"))
+                locked = folder / f"{name}-{key}.lock"
+                lock = stack.enter_context(locked.open("w"))
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                path = folder / f"{name}-{key}.part"
+                # Another process may have deleted the file between open and flock; its lock would then protect nothing.
+                if os.path.samestat(os.fstat(lock.fileno()), locked.stat()):
+                    path = folder / f"{name}-{key}.part"
         yield path
         if path is not None:
             for used in (path, path.with_suffix(".lock")):

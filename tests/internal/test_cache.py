@@ -3,7 +3,9 @@
 Tests internals: `resgrid._internal.cache`.
 """
 
+import fcntl
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 import pytest
@@ -42,6 +44,19 @@ def test_without_a_folder_nothing_is_stored(tmp_path: Path, monkeypatch: pytest.
     monkeypatch.setenv("RESGRID_CACHE", str(tmp_path / "file" / "below"))
     store_array("cells", "key", np.ones(3))
     assert load_array("cells", "key") is None
+
+
+def test_a_lock_on_a_deleted_file_does_not_count(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The process that deletes the lock file ends between the opening and the locking by this one."""
+    real, flock = folder / "cells-key.lock", fcntl.flock
+
+    def late(file: IO[str], flags: int) -> None:
+        real.unlink()
+        flock(file, flags)
+
+    monkeypatch.setattr(fcntl, "flock", late)
+    with unfinished_file("cells", "key") as path:
+        assert path is None
 
 
 def test_the_folder_follows_the_environment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
