@@ -42,8 +42,7 @@ class ThreadTeam:
     def run_parts(self, part: Callable[[int], object], parts: int) -> None:
         """Call ``part(0)`` to ``part(parts - 1)`` once each, in any order, and wait for all calls to end.
 
-        An exception in the calling thread cancels the calls that have not begun. One in a helper thread is raised after
-        the other threads have made the remaining calls.
+        An exception in any thread cancels the calls that have not begun, and is raised.
         """
         if self._pool is None or parts < 2:
             for number in range(parts):
@@ -53,15 +52,16 @@ class ThreadTeam:
         left = iter(numbers)  # shared by all threads
 
         def work() -> None:
-            for number in left:
-                part(number)
+            try:
+                for number in left:
+                    part(number)
+            except BaseException:
+                numbers.clear()
+                raise
 
         helpers = [self._pool.submit(work) for _ in range(min(self.size, parts) - 1)]
         try:
             work()
-        except BaseException:
-            numbers.clear()
-            raise
         finally:
             wait([helper for helper in helpers if not helper.cancel()])
         for helper in helpers:

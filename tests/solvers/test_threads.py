@@ -5,6 +5,7 @@ Tests internals: `resgrid.solvers`, `resgrid.solvers.multigrid`, `resgrid.solver
 """
 
 import threading
+import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 
@@ -173,6 +174,24 @@ def test_parts_are_completed_without_a_blocked_helper() -> None:
         assert sorted(done) == [0, 1, 2, 3, 4]
         release.set()
         assert blocked.result()
+
+
+@pytest.mark.parametrize("in_helper", [False, True])
+def test_an_error_in_any_thread_cancels_the_parts_that_have_not_begun(in_helper: bool) -> None:
+    begun, failed = [], threading.Event()
+
+    def part(number: int) -> None:
+        begun.append(number)
+        is_helper = threading.current_thread() is not threading.main_thread()
+        if is_helper == in_helper:
+            failed.set()
+            raise ValueError("part")
+        failed.wait()
+        time.sleep(0.05)  # until the other thread has left its loop
+
+    with ThreadTeam(2) as team, pytest.raises(ValueError, match="part"):
+        team.run_parts(part, 100)
+    assert len(begun) < 10
 
 
 @pytest.mark.parametrize("shape", [(40, 40), (300, 300), (48, 48, 48)])
