@@ -198,12 +198,11 @@ class Loop:
         The offset is at most 0.1 cell per axis.
         """
         before, none = self.body.configuration, np.zeros_like(self.torque)
-        self.torque = none
+        self.torque, believed = none, self.sensor.sense(before)
         if self.body.shaken(self.rng.uniform(-0.1, 0.1, len(none)) * self.live.spacing):
             controller, motion = self.live.controller, self.body.configuration - before
             size = float(np.abs(motion).max())
             velocity = controller.limited(motion * (controller.speed / size))
-            believed = self.sensor.sense(self.body.configuration)
             self.recorder.add(self.time, before, believed, velocity, ControlMode.DITHERING, None, none)
             self.time += size / float(np.abs(velocity).max())
             self.navigator.remember(ControlMode.DITHERING, before, self.body.configuration, pushed=False)
