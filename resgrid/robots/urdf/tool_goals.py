@@ -381,8 +381,9 @@ def _why_unreachable(
             "no configuration of the moving joints brings the tool into this goal; the closest one leaves "
             f"{smallest:.3g} m; move or enlarge the goal, or choose other moving joints"
         )
+    angle = angle[distance <= _TOLERANCE]
+    closest = f": the closest one is off by {angle.min():.3g} rad more than the permitted angle" if angle.size else ""
     return (
-        "no configuration brings the tool into this goal with the wanted rotation: the closest one is off by "
-        f"{angle[distance <= _TOLERANCE].min():.3g} rad more than the permitted angle; turn the goal, or permit a "
-        "larger angle"
+        f"no configuration brings the tool into this goal with the wanted rotation{closest}; turn the goal, or permit "
+        "a larger angle"
     )
