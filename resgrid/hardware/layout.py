@@ -160,7 +160,7 @@ class Layout:
                 "rounding": error,
             },
             "rails": {
-                "trunk_width": rails.wire * 1e-9 if rails.trunks else None,
+                "trunk_width": rails.trunks[0].width * 1e-9 if rails.trunks else None,
                 "stripe_width": (self.tile.stripe[1] - self.tile.stripe[0]) * 1e-9 if rails.ring else None,
                 "side_width": rails.ring * 1e-9 if rails.ring else None,
                 "current": {net: abs(amps) for net, amps in rail_currents(self.op).items()},
