@@ -148,7 +148,7 @@ def plane_of(space: ConfigurationSpace, cut: Cut = ()) -> PicturePlane:
         return PicturePlane(x, y, sliced(space.cell, cut), kinds, Frame(), not space.frame.is_world)
     if space.ndim != 2:
         raise InputError(
-            f"this picture needs a space of two axes, but this space has {space.ndim}; draw(field) shows one to three"
+            f"this picture needs a space of two axes, but this space has {space.ndim}; draw(field) shows one to four"
         )
     x, y = space.axes
     robot = space.robot
