@@ -90,7 +90,7 @@ def node_values(system: Equations, factors: Factor | None, watch: ProgressMonito
 
 
 def values_above(system: Equations, heights: NDArray[np.float64]) -> NodeValues:
-    """Return node values without rounding; `heights` (nodes,): voltages above ``system.reference``, in volts."""
+    """Return the values of nodes whose voltages are exact; `heights` (nodes,): volts above ``system.reference``."""
     plain, zero, volts = _in_units(system, heights)
     value = Scaled.of(np.nan_to_num(plain))
     return NodeValues(value._replace(noise=0.0), np.zeros(len(plain), np.bool_), zero, volts, 0.0)
@@ -320,7 +320,7 @@ def differences(
 def with_tiny_currents(
     amps: NDArray[np.float64], floor: float, tiny: NDArray[np.float64], exponent: NDArray[np.int64]
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return mantissas and exponents of currents: `amps` and 0, or `tiny` and `exponent` below ``floor max|amps|``."""
+    """Return currents ``m 2**(256 e)`` A as m and e: `amps` and 0, `tiny` and `exponent` below ``floor max|amps|``."""
     lost = (amps == 0.0) & (np.abs(tiny * power(exponent)) <= _floor_of(amps, floor))
     return np.where(lost, tiny, amps), np.where(lost, exponent, 0)
 

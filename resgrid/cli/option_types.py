@@ -48,15 +48,19 @@ class Numbers(_Type):
 
 
 class Region(Numbers):
-    """Type of the option ``--crop``: the word ``known``, or a box as numbers, separated by commas.
+    """Type of the option ``--crop``: the word ``known`` (smallest box with all known cells), or a box as numbers.
 
-    The numbers are the coordinates of the lower corner, then those of the upper corner, in world coordinates.
+    The numbers, separated by commas, are the coordinates of the lower corner, then those of the upper corner, in world
+    coordinates.
     """
 
     name = "region"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return the word ``known`` or the finite numbers of a text; raise InputError for other texts."""
+        """Return the word ``known``, or the finite numbers of a text such as ``"0,0,2.5,1"``.
+
+        Raises InputError for other texts. The number of coordinates is checked later, when the axes are known.
+        """
         if isinstance(value, str) and value.strip().isalpha():
             if value.strip() != "known":
                 raise InputError(f"--crop {value!r}: expected known, or the corners of a box X0,Y0,X1,Y1")

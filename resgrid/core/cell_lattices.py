@@ -77,9 +77,10 @@ class CellLattice(Lattice):
         return np.asarray(here * (2.0 * beyond / (here + beyond)))
 
     def contact_weight(self, step: int) -> float:
-        """Return the weight of the contact with an obstacle that replaces a blocked step.
+        """Return the weight of a contact: the conductance to the obstacle in place of a blocked step, times R.
 
-        The weight is 0 for steps across edges and corners of cells, which have no contact.
+        It is ``(h_ref / h_a)**2`` across a face of axis a, and 0 for steps across edges and corners of cells, which
+        have no contact.
         """
         return float(self.plain[step])
 

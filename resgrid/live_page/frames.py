@@ -227,11 +227,11 @@ def probe(frame: SolvedDrawing, cell: Sequence[int]) -> dict[str, Any]:
     without a node; `volts`: voltage of the node, None for a blend and for a preview of a circuit that current sources
     drive; `drop_decades`: log10 of the drop, None without an obstacle rail; `amperes`: currents through the lower and
     the upper face across the first axis, then across the second, positive along the axis, or, for other lattices than
-    "square", `steps`: lists of an arrow, the current along a step to a neighbour, positive outwards, and whether paths
-    take this step; `bits`: bits of an analogue-to-digital converter that resolve the voltage step to the neighbour with
-    the lowest potential, None if unknown; `exact`: whether the solution is direction-safe; `proved`: sentences on
-    proved properties.  Where `volts` is None, the currents are those of a circuit in which the potential 1 is the
-    supply.
+    "square", `steps`: lists of an arrow (character such as "↗"), the current along a step to a neighbour, positive
+    outwards, and whether paths take this step; `bits`: bits of an analogue-to-digital converter that resolve the
+    voltage step to the neighbour with the lowest potential, None if unknown; `exact`: whether the solution is
+    direction-safe; `proved`: sentences on proved properties.  Where `volts` is None, the currents are those of a
+    circuit in which the potential 1 is the supply.
 
     `frame`: the solved drawing; `cell`: index along each axis.  Raises InputError for a cell outside the grid.
     """

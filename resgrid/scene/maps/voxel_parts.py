@@ -61,9 +61,10 @@ class VoxelParts:
     frame: Frame = field(default_factory=Frame)
 
     def known(self) -> Window:
-        """Return the smallest window that contains all known voxels, which is the whole map.
+        """Return the smallest window that contains all known voxels.
 
-        Raises InputError for a format without unknown voxels.
+        The axes of a map with unknown voxels end at its outermost known voxels, so this window is the whole map. Raises
+        InputError for a format without unknown voxels, in which the word "known" selects nothing.
         """
         if self.free is None:
             raise no_unknown_cells(3)

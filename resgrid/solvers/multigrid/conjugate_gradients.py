@@ -259,9 +259,9 @@ class _Burst:
     to the begin of the burst.
 
     Private fields: ``_v.z[:_kept]`` are the preconditioned residuals that are not accumulated yet; ``_on_x, _on_p``
-    (depth + 1,) are their coefficients in the solution and in the search direction; the last entry of each is the
-    coefficient of ``_v.p``, the search direction before these residuals; ``_energy`` is ``p.A p`` of the last
-    direction, 0 for none.
+    (largest number of such residuals plus 1,) are their coefficients in the solution and in the search direction; the
+    last entry of each is the coefficient of ``_v.p``, the search direction before these residuals; ``_energy`` is
+    ``p.A p`` of the last direction, 0 for none.
     """
 
     def __init__(self, problem: MultigridProblem, stop: StoppingRule, watch: ProgressMonitor | None) -> None:

@@ -114,8 +114,9 @@ def ascend_graph(
     comes from the rounding of its own voltage and from the later changes of rows with lower numbers (Eisenstat 1981).
 
     `graphs, level`: all graphs, and index of this one, 0 for the finest; `b, x, change` (nodes,): right-hand sides,
-    solutions and last changes of the solutions, of all levels; the inner products are over this level; `s` (nodes of
-    the level,): vector of the inner product ``x.s``; `y` (nodes of the level,): receives the product.
+    solutions, and changes of the solutions in the last sweep, of all levels; `x` and `change` are overwritten on this
+    level; `s` (nodes of the level,): vector of the inner product ``x.s``; `y` (nodes of the level,): receives the
+    product.  The inner products are over this level.
     """
     flags = flush_subnormals()
     begin, end = graphs.first[level], graphs.first[level + 1]

@@ -2,8 +2,8 @@
 
 Kernels with dozens of array arguments take most of their compile time for passing these on. A row of the table (`GRID`)
 contains addresses of arrays instead, and a kernel opens the ones it needs. The owner of the table keeps the arrays
-alive. The slot of a cell is its index in an array (slots,) over the cells of its colour; red and black slots both count
-from 0.
+alive. The slot of a cell is its index in an array (slots,) over the cells of its colour, which also has unused slots,
+at least at both ends; red and black slots both count from 0.
 
 In a sweep the red cells are ahead of the black ones by the distance of neighbours (wavefront sweep), so that faces are
 read once.
@@ -71,9 +71,9 @@ class GridLevel(NamedTuple):
     """A grid of a hierarchy, and its restriction to the next level.
 
     `stencil`: conductances, in single precision except for the black diagonal; `aggregate` (slots,): node of the next
-    level to which every black cell belongs, 0 for none. If the next level is a grid, an entry is the index of a red
-    node in an array (coarse slots,) over its red nodes, or the number of coarse slots plus the index of a black node in
-    an array over its black nodes. If it is a graph, an entry is the number of the node, counted from 1.
+    level to which every black cell belongs, 0 for none. If the next level is a grid, an entry is the slot of a red node
+    (never 0, an unused slot), or the number of coarse slots of a colour plus the slot of a black node. If it is a
+    graph, an entry is the number of the node, counted from 1.
     """
 
     stencil: Stencil
@@ -85,8 +85,8 @@ class Finest(NamedTuple):
 
     `true`: conductances in double precision; `stencil`: conductances in single precision, with a black diagonal that
     compensates their rounding (`grid_level.compensated`); `aggregate` (slots,): node of the next level to which every
-    black cell belongs, 0 for none: in a grid, the index of a red node in an array over its red nodes, or the length of
-    that array plus the index of a black node; in a graph, the number of the node, counted from 1.
+    black cell belongs, 0 for none: in a grid, the slot of a red node (never 0, an unused slot), or the number of slots
+    of a colour plus the slot of a black node; in a graph, the number of the node, counted from 1.
     """
 
     true: Stencil
@@ -216,8 +216,8 @@ def multiply_red(level: Row, block: int, x: Singles, coupling: int, total: Reals
     """Set ``total = G x`` at the red cells of a block, from all edges; return the index of the next coupling.
 
     ``G`` contains the conductances from black to red cells. Couplings are edges that cross no face of the grid.
-    `level`: record of the grid; `block`: number of the block, from 0; `x` (slots,): values at black cells; `coupling`:
-    index of the first coupling of the block; `total` (block,): result.
+    `level`: record of the grid; `block`: number of the block, from 0; `x` (slots,): values at the slots of black cells,
+    0 at unused slots; `coupling`: index of the first coupling of the block; `total` (block,): result.
     """
     multiply_faces(level, RED, x, block, total)
     begin, count = extent(level, block)
