@@ -1,4 +1,4 @@
-from resgrid.core.contact_derivatives import conductivity_gradient as conductivity_gradient
+from resgrid.core.conductivity_derivatives import conductivity_gradient as conductivity_gradient
 
 from .adjoint_gradient import Gradient as Gradient
 from .batch import solve_many as solve_many

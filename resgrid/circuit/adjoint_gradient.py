@@ -23,7 +23,7 @@ from resgrid._internal.values import frozen
 from resgrid.circuit.nonlinear import linearize, nonlinear_drops
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.responses import Response, SourceFreeCircuit
-from resgrid.core.contact_derivatives import conductivity_gradient
+from resgrid.core.conductivity_derivatives import conductivity_gradient
 from resgrid.core.netlist import Netlist
 from resgrid.solvers.method_choice import METHODS
 from resgrid.solvers.refinement import minus

@@ -1,4 +1,4 @@
-"""Derivatives of the conductances of a compiled space with respect to the conductivities of its cells."""
+"""Chain rule from derivatives by all conductances of a netlist to derivatives by conductivities of cells."""
 
 from __future__ import annotations
 
