@@ -1,4 +1,4 @@
-"""Results on disk under a key of their inputs, so that a later run with the same inputs does not compute them again."""
+"""Disk cache of arrays under a hash of their inputs, so that a later run does not compute them again."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Creation of executors from names such as ``processes:4``, ``dask://HOST:PORT``, ``mpi`` and ``parsl:FILE``."""
+"""Creation of `concurrent.futures` executors from names such as ``processes:4``, ``mpi`` and ``parsl:FILE``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Delay of Ctrl-C over code that must not be left halfway, such as code that holds a lock of other threads."""
+"""Context managers that delay or ignore Ctrl-C (SIGINT) in code that must not be interrupted halfway."""
 
 from __future__ import annotations
 

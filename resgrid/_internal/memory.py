@@ -1,4 +1,4 @@
-"""Checks of available memory and disk space before a job allocates them."""
+"""Comparison of available memory and disk space with the needs of a job, before the job allocates them."""
 
 from __future__ import annotations
 

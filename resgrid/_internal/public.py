@@ -1,4 +1,4 @@
-"""Public names of a package: listed in the stub file (``__init__.pyi``), and imported when they are first used."""
+"""Lazy imports: a package imports its public names, listed in ``__init__.pyi``, at their first use."""
 
 from __future__ import annotations
 

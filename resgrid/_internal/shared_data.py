@@ -1,4 +1,4 @@
-"""Data that all tasks of a job share: pickled into a file once, and read and cached by every worker."""
+"""Data that all tasks of a parallel job share: pickled into a file once, read and cached by every worker."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Processes of outside programs."""
+"""Termination of an outside program together with its child processes."""
 
 from __future__ import annotations
 

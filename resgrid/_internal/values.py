@@ -1,4 +1,4 @@
-"""Common behaviour of result values: read-only arrays, one-line representations and pictures in notebooks."""
+"""Common behaviour of result dataclasses: read-only arrays, short ``repr``, and pictures in notebooks."""
 
 from __future__ import annotations
 

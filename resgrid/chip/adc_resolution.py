@@ -1,4 +1,4 @@
-"""Converter resolution: the number of bits that a robot needs to measure its next step.
+"""Resolution of the analogue-to-digital converter: the bits that a robot needs to find its next step.
 
 Tarassenko & Blake (1991) note that the potential of a grid with obstacles held at a rail is nearly flat far from the
 goal.  A converter of ``b`` bits resolves two voltages that differ by one step, its range over ``2**b``.  A cell with

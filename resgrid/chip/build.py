@@ -1,4 +1,4 @@
-"""Build chips: from a chip description to the netlist of one chip, or to the conductances of many chips."""
+"""Construction of chips: the netlist of one chip from a chip description, or conductances of many chips."""
 
 from __future__ import annotations
 

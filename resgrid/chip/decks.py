@@ -1,4 +1,4 @@
-"""SPICE decks of a chip, each with an analysis and the results that a simulator should give.
+"""Writer of a chip's SPICE decks (operating point, transient, noise, temperature) with expected results.
 
 The deck ``op``: the operating point.  ``transient``: the supplies of a discharged chip rise within one time step.
 ``noise``: the noise voltage at the noisiest cell.  ``temperature``: operating points at several temperatures.  In

@@ -1,4 +1,4 @@
-"""Monte Carlo trials: draw chips, solve them, and walk from every cell to the goal by read-out voltages.
+"""Monte Carlo trials: draw random chips, solve them, and walk from every cell by read-out voltages.
 
 The stages, in the order in which they run: `prepare_experiment` computes everything that does not depend on the trial.
 `run_trials` then takes the trials in blocks: `draw_chips`, `solve_chips`, `read_out` and `walk`.  `run_series`

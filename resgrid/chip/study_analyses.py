@@ -1,4 +1,4 @@
-"""One chip under study: a method for each analysis, with defaults from the chip description."""
+"""The class `Study`: one method per analysis of a chip, with defaults from the chip description."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Analyses of the circuit of one chip: settling, noise, power, converter resolution and sensitivity."""
+"""`CircuitStudy`, base class of `Study`: the analyses of one chip's circuit, without Monte Carlo trials."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Common inputs of the analyses of one chip: its circuits, operating point, and parameters of its read-out."""
+"""`StudyInputs`, base class of `Study`: the circuits and operating points that several analyses use."""
 
 from __future__ import annotations
 

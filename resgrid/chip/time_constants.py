@@ -1,4 +1,4 @@
-"""Time constants: the eigenvalues ``tau`` of ``C v = tau G v``, computed accurately even for weakly tied parts.
+"""Time constants ``tau`` of RC circuits, from ``C v = tau G v``; accurate also for weak ties to the rails.
 
 A Laplacian is ``F^T F``, where ``F`` has a row for every element: the root of its conductance (or capacitance) times
 the difference of its two voltages.  Differences are formed first, so that a weak connection of a stiff island to a rail

@@ -1,4 +1,4 @@
-"""Read-out and walk: the steps of a robot that sees voltages only through a converter.
+"""Read-out and walk: the steps of a robot that knows voltages only from an analogue-to-digital converter.
 
 In a cell, the robot measures the voltages of the cell and of its face neighbours, and steps to the lowest reading.  The
 converter rounds every voltage down to one of ``2**bits`` equal steps of its range.  The robot moves only to a strictly

@@ -1,4 +1,4 @@
-"""Yield: the fraction of starts from which a robot that sees only the read-out reaches the goal, over many chips."""
+"""Yield over many chips: the fraction of starts from which a robot reaches the goal by read-out voltages."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Solution of one circuit for many sets of conductances (chips), with a common set-up."""
+"""Operating points of one circuit for many sets of conductances (Monte Carlo chips), with a common set-up."""
 
 from __future__ import annotations
 

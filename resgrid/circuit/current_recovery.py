@@ -1,4 +1,4 @@
-"""Recover branch currents by iterative correction where voltage differences cancel.
+"""Branch currents where the difference of two node voltages would cancel, by iterative correction.
 
 Examples are large conductances to a rail, dead ends, balanced bridges and opposed sources.  The true currents there may
 be many orders of magnitude below the conductance times the rounding error of a voltage.  Circuits whose factors have at

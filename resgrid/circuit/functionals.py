@@ -1,4 +1,4 @@
-"""Functionals of the node voltages: weights at places, and derivatives of log drops with respect to the voltages."""
+"""Functionals of node voltages whose gradients are computed: weighted sums of voltages and of log drops."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Public functions that differentiate circuits: gradients of quantities, and vector-Jacobian products."""
+"""The public functions `gradient` and `pullback`: derivatives of circuit quantities by the adjoint method."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Gradients of the expected costs of random walks.
+"""Gradients of the expected costs of random walks that jump along resistors until they end on a rail.
 
 A walk that jumps along resistors pays the cost ``k`` of a cell per unit of time ``R C``, with the resistance ``R``
 between neighbouring cells and the capacitance ``C`` of every node.  Its expected cost ``v`` until it ends on a rail

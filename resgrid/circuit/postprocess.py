@@ -1,4 +1,4 @@
-"""Post-processing of a solution: node values, and the voltages, potentials and currents computed from them.
+"""From solutions of the nodal equations to operating points: node voltages, branch currents, power, residuals.
 
 The value of a node is its voltage difference from the nearer rail.  A branch current is computed from the difference of
 two values before any rounding.  With two rails, the system is solved for the drop ``u`` from the high rail, and again

@@ -1,4 +1,4 @@
-"""Terminals of a network: nodes, names, cells, and regions of nodes that an ideal wire joins."""
+"""Terminals as a user gives them (nodes, names, cells, regions of joined nodes), converted to node numbers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Robots in space on the command line: verdicts of cells, and timed and tested paths."""
+"""Functions of subcommands for robots in space: counts of proven cells, and timed, collision-tested paths."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Decks on the command line: recognition, reading, solution and description."""
+"""Functions of subcommands that accept decks in place of scenes: recognise, read, solve and describe a deck."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The group of subcommands, which are imported when called, and the mapping of all errors to exit codes."""
+"""The group of all subcommands, which are imported when called, and the mapping of errors to exit codes."""
 
 from __future__ import annotations
 

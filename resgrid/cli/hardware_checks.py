@@ -1,4 +1,4 @@
-"""Verification of boards and layouts by outside programs, for ``resgrid check``."""
+"""Verification of boards and layouts by outside programs, and its report, for ``resgrid check``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Small jobs that compile all kernels before they are needed (``python -m resgrid.cli.warm``).
+"""Jobs that call all compiled kernels, so that their machine code is in the cache before it is needed.
 
 Numba compiles a kernel at its first call and caches it next to its source (or in ``NUMBA_CACHE_DIR``).  Each job in
 `CASES` calls the kernels of one or several methods.  The jobs run in several processes, which share the cached kernels.

@@ -1,4 +1,4 @@
-"""``resgrid layout``: draw a scene's resistor grid as a chip layout."""
+"""``resgrid layout``: write a scene's resistor grid as mask data of a chip (GDSII or OASIS)."""
 
 from __future__ import annotations
 

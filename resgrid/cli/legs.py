@@ -1,4 +1,4 @@
-"""Paths of several legs for all starts of a scene, and their reports."""
+"""``resgrid path`` for paths of several legs, such as through intermediate poses: computation and report."""
 
 from __future__ import annotations
 

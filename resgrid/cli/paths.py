@@ -1,4 +1,4 @@
-"""Paths for all starts and blends of a scene, or for benchmark queries, and their reports."""
+"""Computation and report of paths for subcommands: all starts and blends of a scene, or MovingAI queries."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Scenes on the command line: reading with changes by options, solving, and reports of ignored keys."""
+"""Functions of subcommands that accept scenes: read, change by options, solve, and report ignored keys."""
 
 from __future__ import annotations
 

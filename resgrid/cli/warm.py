@@ -1,4 +1,4 @@
-"""``python -m resgrid.cli.warm``: compile all kernels before they are needed, on all cores."""
+"""``python -m resgrid.cli.warm``: compile all kernels before they are needed, in one process per core."""
 
 from __future__ import annotations
 

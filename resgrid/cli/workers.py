@@ -1,4 +1,4 @@
-"""Worker processes for long computations of the command line."""
+"""Choice between worker processes on all cores and none, for long computations of the command line."""
 
 from __future__ import annotations
 

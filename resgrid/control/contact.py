@@ -1,4 +1,4 @@
-"""Rigid contact with friction for a robot that is moved by velocities, and its collision-free steps.
+"""Rigid contact with friction for a velocity-controlled robot: contact forces, and collision-free steps.
 
 The robot obeys ``qdot = v + A sum_k J_k^T f_k`` with the commanded velocity ``v``, the admittance ``A``, and the
 Jacobian ``J_k`` and force ``f_k`` of each contact.  Contact is a complementarity problem at the level of velocities (D.

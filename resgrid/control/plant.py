@@ -1,4 +1,4 @@
-"""The plant: the robot's true body among the true obstacles of the workspace, hidden obstacles included."""
+"""The simulated plant: the robot's true body among all true obstacles, also those that its map lacks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Log of a controlled motion: every step, every contact, every update of the map."""
+"""The result of a controlled motion: a record of every step, every contact and every update of the map."""
 
 from __future__ import annotations
 

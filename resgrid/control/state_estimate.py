@@ -1,4 +1,4 @@
-"""State of the robot's knowledge: the configuration according to its sensor, and the map with its field."""
+"""The robot's knowledge in a simulation: its measured configuration, and its map with the field."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The map between the nodes of a compiled netlist and the cells and faces of its space."""
+"""The map from nodes and resistors of a compiled netlist to the cells and faces of its configuration space."""
 
 from __future__ import annotations
 

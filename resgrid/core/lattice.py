@@ -1,4 +1,4 @@
-"""Lattices of nodes over a configuration space: sites, and steps from a site to its neighbours."""
+"""The type `Lattice`: sites over a configuration space, and steps from a site to its neighbours."""
 
 from __future__ import annotations
 

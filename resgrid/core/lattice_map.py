@@ -1,4 +1,4 @@
-"""The map between a compiled lattice and its space."""
+"""The map from nodes and resistors of a netlist to the sites and steps of its lattice over a space."""
 
 from __future__ import annotations
 

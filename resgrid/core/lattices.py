@@ -1,4 +1,4 @@
-"""Lattices of nodes over a configuration space: nine-point and 27-point stencils of cells, and triangular lattices.
+"""Choice of a lattice by its name: nine-point or 27-point stencil of cells, or triangular lattice.
 
 A lattice has sites, steps from a site to its neighbours, and a weight for every step.  The weights ``g`` approximate
 the Laplacian, ``sum_j g_j (f(x + s_j) - f(x)) = h_ref**2 lap f``.  Here ``s_j`` are the steps, and ``h_ref`` is the

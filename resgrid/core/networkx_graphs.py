@@ -1,4 +1,4 @@
-"""Checks of the fields of netlists, and conversion between netlists and networkx graphs (without the map of cells)."""
+"""Conversion between netlists and networkx graphs (without cells), and checks of the fields of netlists."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Random values of a chip's resistors, one per site on the die.
+"""Random resistances of a chip, one value per site on the die (a face between cells, or a cell with a leak).
 
 A site is a position on the die: the face between two cells that a resistor crosses, or a cell with a leak. Every random
 effect has its own random stream, and a value belongs to a site, not to an index of the netlist. A seed therefore gives

@@ -1,4 +1,4 @@
-"""Connected components of graphs and of cells, and views of cells and faces of a grid along one axis."""
+"""Connected components of graphs and cells, and views of arrays over cells or faces along one axis."""
 
 from __future__ import annotations
 

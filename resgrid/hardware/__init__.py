@@ -1,4 +1,4 @@
-"""Boards and chip layouts of a compiled space, written as files that outside tools verify.
+"""Printed circuit boards (KiCad) and chip layouts (GDSII, OASIS) of a compiled space, with checks.
 
 A board is a KiCad project, and a layout a GDSII or OASIS file.  A record beside each file lists its parts, its sources
 and the expected voltages, so that `resgrid check` can compare them with the netlist that an independent tool extracts.

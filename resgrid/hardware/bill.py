@@ -1,4 +1,4 @@
-"""Lists for ordering and measuring: the bill of materials and the expected voltages, as CSV."""
+"""Writer of two CSV lists for a board: the bill of materials, and the expected voltages of the test pads."""
 
 from __future__ import annotations
 

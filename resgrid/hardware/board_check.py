@@ -1,4 +1,4 @@
-"""Verification of a board: its circuit as kicad-cli, ngspice and the copper of its Gerber files return it."""
+"""Verification of a board against its record, by kicad-cli, ngspice and the copper of its Gerber files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Comparison of a circuit that an outside tool returns with the circuit of a record, and location of the differences.
+"""Comparison of a circuit that an outside tool extracts with the intended one: nets, values and voltages.
 
 Pads are compared by their reference and number.  The names of nets play no part, because tools shorten them, change
 their case or have none (connected copper): two nets correspond if they have most of their pads in common.

@@ -1,4 +1,4 @@
-"""Voltages of a circuit that an outside tool returns: solved by resgrid, or by ngspice for KiCad's SPICE netlist."""
+"""Node voltages of a circuit that an outside tool extracted, solved by resgrid or by ngspice."""
 
 from __future__ import annotations
 

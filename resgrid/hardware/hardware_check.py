@@ -1,4 +1,4 @@
-"""Result of the verification of a board or layout by outside tools."""
+"""The type `HardwareCheck`: result of the verification of a board or layout by outside tools."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The array of a layout: which tile has which resistors, nodes and ties to rails, from a compiled space."""
+"""Contents of the tiles of a layout (one tile per cell of the grid): resistors, nodes and ties to rails."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Check of a layout: klayout extracts its circuit, which is compared with the record part by part."""
+"""Verification of a layout: klayout extracts its circuit, which is compared with the record of the layout."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Design rules of layouts from the data of a process."""
+"""Conversion of the data of a chip process to the design rules of layouts, in nanometres."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Design rules of a layout: layers, widths, spacings and enclosures of a process, in nanometres."""
+"""Types for layouts in nanometres: design rules of a process, and drawn cells with placements and labels."""
 
 from __future__ import annotations
 

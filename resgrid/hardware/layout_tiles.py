@@ -1,4 +1,4 @@
-"""Tiles of a layout: the cells of the drawing that every cell of the grid consists of, and the places of each.
+"""Drawn cells (GDSII) of which a layout's tiles are composed, one tile per cell of the grid, and their places.
 
 A tile belongs to a cell of the grid.  Its origin is the centre of a vertical bar of metal 1, the node.  The resistor to
 the next node along x starts at the bar, in row 0; the resistor to the next node along y starts at the bar above it, and

@@ -1,4 +1,4 @@
-"""Comparison of the Gerber and drill files that a folder holds for a manufacturer with those of its board."""
+"""Check of an archive for a board manufacturer: its Gerber and drill files against those of the board."""
 
 from __future__ import annotations
 

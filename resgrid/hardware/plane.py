@@ -1,4 +1,4 @@
-"""Copper of the rail plane on the back: the board's area without the clearances of everything on other nets."""
+"""Copper of the rail plane on the back: the board's area without the clearances around other nets."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Boards as folders with a KiCad project."""
+"""Writer of a board as a folder with a KiCad project."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Files of paths of several legs: tables, records, arrays, and messages for ROS."""
+"""Writers of paths of several legs: tables, records, arrays, and messages for ROS."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Path files: tables, records, arrays, and messages for ROS.
+"""Writers of paths: tables (CSV), records (JSON), arrays (NPZ), and messages for ROS.
 
 All formats contain the same columns and values, in world coordinates that are continuous across the seams of periodic
 axes.

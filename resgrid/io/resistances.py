@@ -1,4 +1,4 @@
-"""Files of effective resistances: a table of pairs, a record, or arrays."""
+"""Writers of effective resistances: a table of pairs (CSV), a record (JSON), or arrays (NPZ)."""
 
 from __future__ import annotations
 

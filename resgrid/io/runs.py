@@ -1,4 +1,4 @@
-"""Files of controlled runs: a log of every step, and the outcome of each run."""
+"""Writers of controlled runs: a log of every step, and the outcome of each run."""
 
 from __future__ import annotations
 

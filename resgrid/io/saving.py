@@ -1,4 +1,4 @@
-"""`save`: results to files, by the type of the value and the end of the file's name."""
+"""`save`: writes any result to a file, in a format that follows from its type and the file's suffix."""
 
 from __future__ import annotations
 

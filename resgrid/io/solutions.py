@@ -1,4 +1,4 @@
-"""Files of operating points: arrays of a space's field, or tables of nodes and elements of any other circuit."""
+"""Writers of operating points: arrays of a space's field, or tables of nodes and elements of other circuits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Replanning of a whole recording: paths to a new recording, and a table of latencies."""
+"""`stream_bag`: plans a path for every map of a recording, and writes a new recording and a latency table."""
 
 from __future__ import annotations
 

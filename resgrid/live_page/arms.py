@@ -1,4 +1,4 @@
-"""Drawings of arms: cells from the arm's workspace, and poses along paths."""
+"""Arms on the live page: cells recomputed from the arm's workspace, and poses along paths."""
 
 from __future__ import annotations
 

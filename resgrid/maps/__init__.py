@@ -1,4 +1,4 @@
-"""Files of robots and benchmarks: ROS occupancy grids and paths, MovingAI scenarios, recordings, meshes and voxels.
+"""Public names for maps, recordings and ROS messages; contains no code: readers are in `resgrid.scene`.
 
 >>> [name for name in dir(rg.maps) if name.startswith("read")]
 ['read_bag', 'read_mesh', 'read_movingai_scenarios', 'read_octomap', 'read_point_cloud']

@@ -1,4 +1,4 @@
-"""Functions of the fields of all lattices: paths, blends, and the check for currents through cell faces."""
+"""Functions that accept the field of any lattice, square or not: paths, blends, and a check for face currents."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The types of paths, and functions of all of them."""
+"""The union type of all kinds of paths, and functions of all of them: unwrapping at seams, and the robot."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Blends of Dirichlet and Neumann behaviour (Connolly & Grupen 1992, section 3.3)."""
+"""Blends ``k phi_D + (1 - k) phi_N`` of Dirichlet and Neumann fields (Connolly & Grupen 1992, section 3.3)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The leg by which a disc or ball leaves the inflated zone around obstacles."""
+"""The straight first leg by which a disc or ball leaves the inflated zone around obstacles."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A posteriori check of Kirchhoff's current law (KCL): the cells in which a normwise solution is direction-safe.
+"""Direction-safe cells of a solution: Kirchhoff's current law (KCL) holds to 1e-6, and current flows out.
 
 A cell is direction-safe if its KCL residual, including rounding errors, is at most 1e-6 of the current through the
 cell, and if current flows out of it.

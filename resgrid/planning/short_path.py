@@ -1,4 +1,4 @@
-"""Paths that were shortened by straight lines."""
+"""`ShortPath`, the result of `resgrid.shortcut`: a path whose bends were replaced by straight lines."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Paths for a stream of maps: each snapshot is planned with the work of the one before."""
+"""Paths for a stream of maps: the plan for each map reuses the solution for the previous map."""
 
 from __future__ import annotations
 

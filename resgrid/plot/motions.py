@@ -1,4 +1,4 @@
-"""Motions of a robot that are drawn in its workspace, and positions of its reference point at starts and goals."""
+"""Poses of a robot along its path for pictures of its workspace, and its positions at starts and goals."""
 
 from __future__ import annotations
 

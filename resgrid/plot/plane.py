@@ -1,4 +1,4 @@
-"""Geometry of a picture's plane: a space with two axes, or a slice of one with three, and images of its cells."""
+"""Axes and cell images of a picture of a space with two axes, or of a plane slice of a space with more axes."""
 
 from __future__ import annotations
 

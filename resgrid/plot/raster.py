@@ -1,4 +1,4 @@
-"""Rendering of triangles in space: a parallel projection, hidden surfaces, shading and outlines."""
+"""Renderer of triangles in space as images: parallel projection, hidden surfaces, shading and outlines."""
 
 from __future__ import annotations
 

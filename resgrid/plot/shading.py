@@ -1,4 +1,4 @@
-"""Scale of a field's picture: the potential, or the logarithm of the drop if it spans several decades."""
+"""Colour scale of a field's picture: the potential, or the logarithm of a drop over orders of magnitude."""
 
 from __future__ import annotations
 

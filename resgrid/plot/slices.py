@@ -1,4 +1,4 @@
-"""Slices of spaces with three or four axes: which cells they contain, and their titles."""
+"""Choice and titles of plane slices through spaces with three or four axes."""
 
 from __future__ import annotations
 

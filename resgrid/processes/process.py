@@ -1,4 +1,4 @@
-"""Values of a process: layers, cuts, bond pads and resistors, with lengths in micrometres as in design rules."""
+"""Types for a chip process: layers, cuts, bond pads and resistors, with lengths in micrometres."""
 
 from __future__ import annotations
 

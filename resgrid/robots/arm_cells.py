@@ -1,4 +1,4 @@
-"""Blocked cells and goal cells of an arm's configuration space."""
+"""Blocked cells and goal cells in the configuration space of a planar arm."""
 
 from __future__ import annotations
 

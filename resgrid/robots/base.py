@@ -1,4 +1,4 @@
-"""The interface of robots.
+"""`Robot`, the abstract base class of robots: geometry in a configuration, and bounds of its motion.
 
 A new robot is a subclass of `Robot` in a file of its own, with an entry in `resgrid.robots.ROBOTS`.
 """

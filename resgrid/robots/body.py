@@ -1,4 +1,4 @@
-"""Bodies of shapes in space: exact solids for collision tests, and convex pieces for proofs of freedom."""
+"""Conversion of shapes in space to bodies: exact solids for collision tests, convex pieces for proofs."""
 
 from __future__ import annotations
 

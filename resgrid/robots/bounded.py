@@ -1,4 +1,4 @@
-"""Base class of shapes: bounding box and number of coordinates."""
+"""`Bounded`, the base class of shapes: their bounding box and number of coordinates."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Closed-form cell tests: cells of a grid within a distance of a shape, and cells that meet a goal region."""
+"""Cells of a configuration space within a distance of a shape, and cells that meet a goal's shape or point."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Solid bodies in space, as exact surfaces for collision tests and as convex covers for proofs of freedom."""
+"""Types of solid bodies in space: exact surfaces for collision tests, convex covers for proofs of freedom."""
 
 from __future__ import annotations
 

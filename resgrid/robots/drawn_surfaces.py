@@ -1,4 +1,4 @@
-"""Triangles of shapes in space, for pictures."""
+"""Triangulation of shapes in space, for pictures."""
 
 from __future__ import annotations
 

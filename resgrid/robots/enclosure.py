@@ -1,4 +1,4 @@
-"""Points enclosed by a surface of triangles, by rays that escape from them."""
+"""Test whether points are enclosed by a surface of triangles, by rays that escape from them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Headers of PLY files: files that are cut short or lack a coordinate, and the number of faces."""
+"""Checks of PLY mesh files before trimesh reads them: truncated files, missing coordinates; number of faces."""
 
 from __future__ import annotations
 

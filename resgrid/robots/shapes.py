@@ -1,4 +1,4 @@
-"""Shapes of the workspace: closed point sets, in axis units unless stated otherwise."""
+"""Geometric shapes of obstacles and goals: boxes, balls, polygons, half-spaces, sets of cells; in axis units."""
 
 from __future__ import annotations
 

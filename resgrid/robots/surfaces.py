@@ -1,4 +1,4 @@
-"""Triangulated surfaces of solid bodies, for pictures and three-dimensional views."""
+"""Triangulated surfaces of a robot's links and of shapes in space, for pictures and 3-D views."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Unions of voxels: shapes of point clouds and of OctoMaps, as few boxes."""
+"""`Voxels`, the shape of point clouds and OctoMaps: a union of voxels, stored as few boxes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Names of the files to which the document of a scene refers."""
+"""File names in a scene's document (its TOML keys): test for their presence, conversion to absolute paths."""
 
 from __future__ import annotations
 

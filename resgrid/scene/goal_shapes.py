@@ -1,4 +1,4 @@
-"""Goals of a scene as shapes in space, for pictures and three-dimensional views."""
+"""Goal regions of a scene as shapes in space, for pictures and three-dimensional views."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Goals of a scene, and cost areas: regions with a conductivity other than 1."""
+"""Types of a scene's goals (points, cells, joint values, tool poses), and cost areas of other conductivity."""
 
 from __future__ import annotations
 

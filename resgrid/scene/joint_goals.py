@@ -1,4 +1,4 @@
-"""Tables of goals in scene files that are configurations or boxes of configurations."""
+"""Schema of goals in scene files that are joint values: one configuration, or a box of configurations."""
 
 from __future__ import annotations
 

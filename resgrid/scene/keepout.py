@@ -1,4 +1,4 @@
-"""Cells that a scene forbids to the robot's reference point: keep-out masks, and unknown space without inflation."""
+"""Cells that the robot's reference point must avoid: keep-out zones of Nav2 masks, and unknown space."""
 
 from __future__ import annotations
 

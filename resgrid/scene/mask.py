@@ -1,4 +1,4 @@
-"""Masks of a scene: ROS maps whose pixels are keep-out weights or speed limits, as the costmap filters of Nav2."""
+"""The type `Mask`: a ROS map whose pixels are keep-out weights or speed limits, as in Nav2's costmap filters."""
 
 from __future__ import annotations
 

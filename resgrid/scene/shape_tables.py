@@ -1,4 +1,4 @@
-"""Tables of shapes in scene files: shapes with keys for their numbers, and shapes that are read from files."""
+"""Schema of the tables of shapes in scene files: shapes by their numbers, and shapes read from files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Goals with a tolerance, and headings at the goal of robots without a heading of their own."""
+"""Goal cells of a point with a tolerance, and headings at the goal of robots that do not turn."""
 
 from __future__ import annotations
 

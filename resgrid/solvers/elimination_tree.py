@@ -1,4 +1,4 @@
-"""Elimination of the cells of a plane by nested dissection, repeated only where equations have changed.
+"""Nested dissection of grids with two axes: elimination is repeated only where equations have changed.
 
 A plane of cells is divided by lines of cells again and again (George 1973).  The cells of small rectangles are
 eliminated first, then the lines between them, up to the line through the whole plane.  The elimination of a node

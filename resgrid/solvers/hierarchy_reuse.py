@@ -1,4 +1,4 @@
-"""Reuse a multigrid hierarchy or an elimination order for other circuits: Monte Carlo samples, and local changes.
+"""Reuse of a multigrid hierarchy or elimination order for Monte Carlo samples and for local changes.
 
 Monte Carlo samples: a sample of a grid has its own finest level and shares the coarse levels of the nominal chip.
 Samples of other circuits share the nominal elimination order.

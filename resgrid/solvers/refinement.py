@@ -1,4 +1,4 @@
-"""Iterative refinement with separate exponents, from an approximate inverse to an entrywise accurate solution.
+"""Iterative refinement with one exponent per entry, until even the smallest entry of a solution is accurate.
 
 The residual is computed from differences of values, accurate relative to the currents at each node, so that every step
 gains the digits of the approximate inverse. Refinement ends when the error of every entry is bounded, or when a step

@@ -1,4 +1,4 @@
-"""Threads that share the parts of a job, and wait without spinning."""
+"""`ThreadTeam`: threads that share the numbered parts of a job, and do not occupy a core while they wait."""
 
 from __future__ import annotations
 

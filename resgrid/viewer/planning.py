@@ -1,4 +1,4 @@
-"""Paths of an arm from a start to a goal that both can change, without a display."""
+"""Planning for the 3-D view of an arm: paths after a move of the start or the goal; no display code."""
 
 from __future__ import annotations
 

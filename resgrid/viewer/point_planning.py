@@ -1,4 +1,4 @@
-"""Paths of a point or a ball in space from a start to a goal that both can change, without a display."""
+"""Planning for the 3-D view of a point or ball: paths after a move of the start or goal; no display code."""
 
 from __future__ import annotations
 

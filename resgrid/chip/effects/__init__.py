@@ -1,4 +1,4 @@
-"""Effects of real devices on a chip, each a function from netlist to netlist, as values and as JSON.
+"""Effects of real devices on a chip's netlist: the list of effects, and their conversion to and from JSON.
 
 An effect is a frozen dataclass with ``apply(netlist) -> netlist``.  `resgrid.chip.build_chip` takes a list of effects
 or a chip description.  To add an effect, write a dataclass that derives from `Effect` in a new file, and add a line to

@@ -1,4 +1,4 @@
-"""Base class of the effects of a chip, and the functions on netlists that the effects share.
+"""`Effect`, the base class of the effects on a chip's netlist, and functions that several effects use.
 
 An effect is a deviation of real devices from the ideal circuit.  Effects append new elements, so that the resistors of
 the grid keep their numbers.  New elements cross no cell face: the map of the cells gives them the face number -1.

@@ -1,4 +1,4 @@
-"""Effects on the values of the grid's resistors: preferred values, drawn lengths, temperature and saturation."""
+"""Effects on the grid's resistances: preferred values, whole steps of drawn length, temperature, saturation."""
 
 from __future__ import annotations
 

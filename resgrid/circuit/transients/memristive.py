@@ -1,4 +1,4 @@
-"""Transient analysis of circuits with memristors."""
+"""The transient analysis of circuits with memristors: public function, and result with voltages and states."""
 
 from __future__ import annotations
 

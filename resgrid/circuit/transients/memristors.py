@@ -1,4 +1,4 @@
-"""Memristors: the law of a charge-controlled resistor, and circuits in which such resistors are connected.
+"""The types `Memristor` (a charge-controlled resistance) and `MemristiveCircuit` (a netlist with memristors).
 
 The law is the linear ion drift of Strukov, Snider, Stewart & Williams (2008).  The state ``x`` in [0, 1] is the doped
 fraction of a film; the resistance is ``M(x) = x R_on + (1 - x) R_off``, and a current ``i`` moves the state by

@@ -1,4 +1,4 @@
-"""Fast assembly of nodal matrices and currents for elements whose conductances change at every time step."""
+"""Assembly of nodal matrices and currents for elements whose conductances change at every time step."""
 
 from __future__ import annotations
 

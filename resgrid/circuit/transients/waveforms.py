@@ -1,4 +1,4 @@
-"""Piecewise linear waveforms, by which the values of all sources of a circuit are multiplied."""
+"""Piecewise linear waveforms that multiply the values of all voltage and current sources of a circuit."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Batches of boxes of joint values, and their division into smaller boxes.
+"""Boxes of joint values that are tested together in proofs of freedom, and their division into smaller boxes.
 
 There are m moving joints, in radians or metres; g of them belong to a group of pairs of bodies.  A batch has n boxes
 and t items, each a pair of convex pieces in one box.

@@ -1,4 +1,4 @@
-"""Verdicts of one block of cells, for the pairs of bodies that depend on the same joints.
+"""Verdicts (free, colliding, undecided) of a block of cells, for pairs that depend on the same joints.
 
 An *item* of a box of joint values is a pair of convex pieces, one of either body of a pair, that is not yet proven to
 stay apart while the joints move within the box.

@@ -1,4 +1,4 @@
-"""Contact between two solids that do not move, by coal on the exact solids."""
+"""Test whether two solids that do not move touch each other, by coal on the exact solids."""
 
 from __future__ import annotations
 

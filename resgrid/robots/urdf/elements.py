@@ -1,4 +1,4 @@
-"""Numbers and poses in the elements of URDF files."""
+"""Parsers of numbers and poses in the XML elements of URDF files."""
 
 from __future__ import annotations
 

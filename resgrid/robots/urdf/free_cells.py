@@ -1,4 +1,4 @@
-"""Proofs that cells of a robot's configuration space are free of collisions.
+"""Proofs that whole cells of the configuration space of a robot from a URDF file are free of collisions.
 
 The pairs of bodies are grouped by the joints that change their relative pose.  Every group has the grid of its joints
 alone; the verdicts of all groups are broadcast to the whole grid and combined.  A group's grid is divided into blocks,

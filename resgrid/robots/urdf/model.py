@@ -1,4 +1,4 @@
-"""Kinematic trees from URDF files: moving and locked joints, bodies of the links, and pairs that may collide."""
+"""Reader of a URDF file as a kinematic tree: moving and locked joints, bodies, and pairs that may collide."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Surroundings of a robot: their bodies, and their pairs with the bodies of the robot."""
+"""Addition of obstacle bodies to a robot's kinematic tree, with the pairs that collision tests must check."""
 
 from __future__ import annotations
 

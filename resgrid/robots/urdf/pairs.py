@@ -1,4 +1,4 @@
-"""Pairs of bodies of a robot that must not touch each other."""
+"""Pairs of a robot's bodies that are tested for self-collision, and adjacent links, which may touch."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Bounds on the motion of a robot's bodies, for step lengths along paths."""
+"""Upper bounds on the motion of a robot's bodies per motion of a joint, for step lengths along paths."""
 
 from __future__ import annotations
 

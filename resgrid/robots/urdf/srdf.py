@@ -1,4 +1,4 @@
-"""Disabled pairs of links from SRDF files."""
+"""Reader of SRDF files: the pairs of links whose collisions are disabled."""
 
 from __future__ import annotations
 

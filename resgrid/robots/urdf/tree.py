@@ -1,4 +1,4 @@
-"""Kinematic trees: joints, bodies and pairs of bodies that may collide, as arrays without a reference to a file."""
+"""The type `KinematicTree`: joints, bodies, and pairs of bodies that may collide, as arrays."""
 
 from __future__ import annotations
 

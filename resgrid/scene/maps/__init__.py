@@ -1,1 +1,1 @@
-"""Readers of map files, one per format, and the table of formats."""
+"""Readers of map files as cells of a grid, one module per format, and the table of the formats."""

@@ -1,4 +1,4 @@
-"""Occupancies of a mask at points and in cells of a grid, whatever the positions and rotations of both."""
+"""Nav2 masks (ROS maps of keep-out or speed zones): their values at points and in the cells of a rotated grid."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Cells of occupancies in percent, as in ``nav_msgs/OccupancyGrid`` messages."""
+"""Conversion of occupancies in percent (``nav_msgs/OccupancyGrid``) to cell codes and conductivities."""
 
 from __future__ import annotations
 

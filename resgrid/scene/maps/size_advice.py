@@ -1,4 +1,4 @@
-"""Advice for maps with too many cells, with the numbers of cells that remain."""
+"""Text of the error for a map with too many cells: options that crop or coarsen it, and the resulting sizes."""
 
 from __future__ import annotations
 

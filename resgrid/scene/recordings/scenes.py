@@ -1,4 +1,4 @@
-"""Scenes of snapshots: the map of a snapshot with the options of the reader of ROS maps and their preparation."""
+"""Cells of the map of a snapshot of a recording, cropped and coarsened as a ``[map]`` table demands."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Snapshots: the map of a recording at one time, with the places of the robot and of its goal."""
+"""The type `MapSnapshot`: the map of a recording at one time, with the poses of the robot and of its goal."""
 
 from __future__ import annotations
 

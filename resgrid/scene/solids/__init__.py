@@ -1,1 +1,1 @@
-"""Readers of obstacles in space: meshes, point clouds and OctoMaps."""
+"""Readers of files with obstacles in space: meshes, point clouds and OctoMaps."""

@@ -1,4 +1,4 @@
-"""Reader of meshes as obstacles."""
+"""`read_mesh`: a mesh file (STL, OBJ, COLLADA or PLY) as an obstacle in space."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Preparation of decks that resgrid did not write for a simulator: unchanged where safe, otherwise rewritten.
+"""Safe simulator input for decks that resgrid did not write: unchanged where safe, otherwise rewritten.
 
 ngspice looks for an included file in the folder it runs in and in the folder of the including file, wherever these
 names lead.  The includes are therefore resolved first, by the same rule but only below a root folder, and copied to

@@ -1,4 +1,4 @@
-"""Re-reading of a deck's file by the rules of another simulator's dialect."""
+"""Second reading of a deck's file by the rules of another simulator's dialect, and the largest difference."""
 
 from __future__ import annotations
 

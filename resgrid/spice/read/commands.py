@@ -1,4 +1,4 @@
-"""Dot commands that define subcircuits, parameters, functions, models, options and temperatures."""
+"""Reader of dot commands: subcircuits, parameters, functions, models, options and temperatures."""
 
 from __future__ import annotations
 

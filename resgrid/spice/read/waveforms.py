@@ -1,4 +1,4 @@
-"""Values of voltage and current sources at direct current."""
+"""Reader of voltage and current sources: their value at direct current, whatever their waveform."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Deck writers: names, flat form, tiles, statements of analyses, sidecar and self-check deck."""
+"""Writers of SPICE decks, flat or one subcircuit per cell, with expected results (sidecar) and self-checks."""

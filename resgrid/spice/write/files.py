@@ -1,4 +1,4 @@
-"""Writer of a deck's set of files: portable deck, simulator commands, sidecar and self-check deck."""
+"""`write_spice`: a deck in one dialect, a file of analyses, a sidecar of expected results, a self-check deck."""
 
 from __future__ import annotations
 
