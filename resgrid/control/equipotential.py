@@ -1,4 +1,4 @@
-"""Motion along equipotentials while a contact force lasts (C. Connolly and R. Grupen, 1992, equation 1)."""
+"""Motion along equipotentials while a contact force acts on the robot (Connolly & Grupen 1992, equation 1)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Straight motions that follow no current: to the goal in a goal cell, and out of a cell without a path to a goal.
+"""Straight motions that follow no current: to the goal in a goal cell, or out of a cell without a path.
 
 A goal cell may contain configurations outside the goal.  One configuration in the cell that lies in the goal is known
 (`ConfigurationSpace.goal_points`): the configuration that solves the goal.

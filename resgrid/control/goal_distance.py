@@ -1,4 +1,4 @@
-"""Distance between a robot's configuration and the goals of its scene.
+"""Distance between a configuration of a robot and the nearest goal of its scene.
 
 A goal cell may contain configurations that do not solve the goal.  Therefore a robot may be in a goal cell, and its
 distance from the goal may still be above 0.

@@ -1,4 +1,4 @@
-"""The files of a board: its KiCad project, lists and record, and those that kicad-cli makes for a manufacturer."""
+"""Writer of the files of a board: KiCad project, lists, record, and by kicad-cli those for a manufacturer."""
 
 from __future__ import annotations
 

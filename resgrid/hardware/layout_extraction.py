@@ -1,4 +1,4 @@
-"""Extraction of the circuit of a layout by klayout, in a Python interpreter outside of resgrid."""
+"""Extraction of the circuit of a layout, by klayout in a separate Python process."""
 
 from __future__ import annotations
 

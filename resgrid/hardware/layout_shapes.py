@@ -1,4 +1,4 @@
-"""Rectangles of a layout after its placed cells are expanded, for pictures."""
+"""All rectangles of a layout, with its placed cells expanded (flattened), for pictures."""
 
 from __future__ import annotations
 

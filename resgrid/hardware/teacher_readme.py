@@ -1,4 +1,4 @@
-"""The README of a board's folder: ordering, soldering, measuring, expected values, and troubleshooting."""
+"""Writer of the README in a board's folder: ordering, soldering, measuring, expected values, troubleshooting."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Encoders of file formats: each format encodes one view of a value.
+"""Encoders of file formats for all writers: tables (CSV), records (JSON), named arrays (NPZ), and text.
 
 A view is a representation of a value: a table, a record (nested dictionary), named arrays, or a message as text.
 """

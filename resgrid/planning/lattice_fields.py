@@ -1,4 +1,4 @@
-"""Fields of lattices other than "square": a potential at every site and a current along every step."""
+"""Fields of lattices other than "square": potentials of the nodes, and currents between neighbouring nodes."""
 
 from __future__ import annotations
 

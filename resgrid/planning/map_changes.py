@@ -1,4 +1,4 @@
-"""Changes of a map: the configuration space after codes of cells, a map, or occupancies have changed."""
+"""The type `Change`, a change of some cells of a map, and the configuration space after the change."""
 
 from __future__ import annotations
 

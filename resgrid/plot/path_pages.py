@@ -1,4 +1,4 @@
-"""Pictures of paths: on the plane, in slices, or as a page of a voxel world."""
+"""Choice of the picture of paths by their space: a plane, slices, or the surface of a voxel world."""
 
 from __future__ import annotations
 

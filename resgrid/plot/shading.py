@@ -1,4 +1,4 @@
-"""Colour scale of a field's picture: the potential, or the logarithm of a drop over orders of magnitude."""
+"""Colour scale of a field's picture: the potential, or the logarithm of a drop of many orders of magnitude."""
 
 from __future__ import annotations
 

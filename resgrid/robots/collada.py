@@ -1,4 +1,4 @@
-"""Triangles of COLLADA files (DAE), without materials.
+"""Reader of the triangles of COLLADA files (DAE); ignores materials, and rejects geometry that it cannot read.
 
 Other readers of COLLADA drop geometry silently when a material or texture is missing.  A dropped triangle is a missed
 collision, so that this reader raises InputError for everything that it cannot read.

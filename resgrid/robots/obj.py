@@ -1,4 +1,4 @@
-"""Triangles of Wavefront OBJ files, without materials.
+"""Reader of the triangles of Wavefront OBJ files; ignores materials, and rejects faces that it cannot read.
 
 Other readers of OBJ skip faces that they cannot read, or count negative indices from the end of the file instead of the
 last vertex above the face.  A dropped or misplaced triangle is a missed collision, so that this reader raises

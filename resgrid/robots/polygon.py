@@ -1,4 +1,4 @@
-"""A polygon that moves and turns in the plane."""
+"""`PolygonRobot`: a robot that is a rigid polygon, which moves and turns in the plane."""
 
 from __future__ import annotations
 

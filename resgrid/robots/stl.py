@@ -1,4 +1,4 @@
-"""Triangles of STL files, binary and ASCII, complete or not at all.
+"""Reader of the triangles of STL files, binary and ASCII; rejects files that are not complete.
 
 Other readers of STL return the readable part of a damaged file.  A dropped triangle is a missed collision, so that this
 reader raises InputError for everything that is not a complete file.

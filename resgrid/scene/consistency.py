@@ -1,4 +1,4 @@
-"""Consistency checks between the parts of a scene."""
+"""Consistency checks between parts of a scene: axes, boundary, drive, and numbers of coordinates."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Types of a scene's goals (points, cells, joint values, tool poses), and cost areas of other conductivity."""
+"""Types of a scene's goals (points, cells, joint values, tool poses), and of cost areas (conductivities)."""
 
 from __future__ import annotations
 

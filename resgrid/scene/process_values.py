@@ -1,4 +1,4 @@
-"""Values of a chip description that a process and one of its corners set."""
+"""Values of a chip description that follow from a chip process and its corner, such as sheet resistances."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Analyses that `write_spice` adds to the commands of a deck.
+"""Types of analyses (transient, noise, temperature, mismatch, probes) that `write_spice` requests in a deck.
 
 >>> netlist = rg.compile_space(rg.build_space(rg.read_scene("examples/scenes/lesson.toml")))
 >>> asked = [rg.spice.analyses.OperatingAnalysis(), rg.spice.analyses.Probe(nodes=("n_0_0",))]

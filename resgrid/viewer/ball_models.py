@@ -1,4 +1,4 @@
-"""Balls, and the surface of the obstacles of a voxel world, in a scene of viser."""
+"""Models of a ball and of a voxel world's obstacles in the 3-D scene that the package viser displays."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Bodies of an arm and of its surroundings in a scene of viser."""
+"""Models of an arm and of its surroundings in the 3-D scene that the package viser displays."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Collision tests and distances of exact solids with coal, at single configurations."""
+"""Collision tests and distances of exact solids at single configurations, by the collision library coal."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Collision tests of a robot from a URDF file along paths: distances and first collisions of exact solids."""
+"""Collision tests along paths of a robot from a URDF file: distances and first collisions of exact solids."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Test whether two solids that do not move touch each other, by coal on the exact solids."""
+"""Test whether two solids that do not move touch each other, by the collision library coal."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Exact solids as coal geometries: surfaces, interiors of closed meshes and bounding boxes."""
+"""Conversion of exact solids to geometries of the collision library coal, and tests for points inside."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`read_bag`: the maps of a recording with the places of the robot, as snapshots in the order of their arrival."""
+"""`read_bag`: a recording as an iterator over its maps in the order of arrival, each with the robot's pose."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Runs of a transient in ngspice."""
+"""Runs of the transient analysis of a deck in ngspice, with the simulated waveforms as result."""
 
 from __future__ import annotations
 
