@@ -1,4 +1,4 @@
-"""``resgrid control``: simulate a robot that follows its field, with obstacles that its map does not contain."""
+"""``resgrid control``: simulate a robot that follows its field, among obstacles of which some are not in its map."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Chain rule from derivatives by all conductances of a netlist to derivatives by conductivities of cells."""
+"""Conversion of derivatives by all conductances of a netlist to derivatives by the conductivities of cells."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Files of layouts: GDSII and OASIS through gdstk, with the record of the circuit in the same folder."""
+"""Writer of layout files: GDSII and OASIS by gdstk, and the record of the circuit in the same folder."""
 
 from __future__ import annotations
 

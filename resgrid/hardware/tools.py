@@ -1,4 +1,4 @@
-"""Outside programs that judge boards and layouts: kicad-cli, and a Python interpreter with klayout.
+"""Search for the outside programs that verify boards and layouts: kicad-cli, and a Python with klayout.
 
 Both are separate processes.  KLayout is licensed under the GPL, so resgrid never imports it.
 """

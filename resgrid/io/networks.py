@@ -1,4 +1,4 @@
-"""Netlists as edge lists, graphs and arrays, which `read_spice` can read.
+"""Writers of netlists as edge lists, graphs and arrays, which `read_spice` can read.
 
 These files do not contain the cells of a space; an edge list contains resistors only.
 """

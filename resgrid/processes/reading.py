@@ -1,4 +1,4 @@
-"""Read processes from the data files of this package: one file per process and one line in `FILES`."""
+"""Reader of chip processes from the data files of this package: one file per process, listed in `FILES`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Goal regions of a scene as shapes in space, for pictures and three-dimensional views."""
+"""Goals of a scene that are geometric shapes in space, for pictures and three-dimensional views."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Error messages for pydantic's validation errors: key path, line, problem and remedy."""
+"""Error messages for invalid scene files, from pydantic's errors: key path, line, problem and remedy."""
 
 from __future__ import annotations
 

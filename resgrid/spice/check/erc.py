@@ -1,4 +1,4 @@
-"""The electrical rule check (ERC): defects of a circuit that prevent a deck or mislead a simulator.
+"""The electrical rule check (ERC): defects of a circuit with which a simulator fails or gives wrong results.
 
 Each rule is a function from a `Circuit` to violations, in time proportional to the number of elements.  This module
 holds the rules on values and names; `connectivity` holds the rules on connections.

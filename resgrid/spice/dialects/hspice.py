@@ -1,4 +1,4 @@
-"""Dialect of HSPICE, from its reference manuals; HSPICE was not run.
+"""Dialect of HSPICE as data: rules of its decks, from its reference manuals; HSPICE was not run.
 
 - ``$`` begins a comment anywhere; expressions are written in single quotes; ``gnd``, ``gnd!`` and ``ground`` are node
   ``0``.

@@ -1,4 +1,4 @@
-"""Dialect of LTspice, from its help; LTspice was not run.
+"""Dialect of LTspice as data: rules of its decks, from its help; LTspice was not run.
 
 - ``M`` is milli and ``Meg`` mega, as in SPICE; ``1F`` is 1e-15, so a unit ``F`` changes the value.
 - Temperature coefficients are a list, ``tc=tc1, tc2`` (LTspice help, "R. Resistor"); with a blank before the second

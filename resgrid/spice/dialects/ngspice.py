@@ -1,4 +1,4 @@
-"""Dialect of ngspice; each rule was found by experiment with version 39 and confirmed with version 46.
+"""Dialect of ngspice as data: rules of its decks, found by experiment with version 39, confirmed with 46.
 
 - The first line of the main file is always read as the title; that of an included file is not.  A full-line comment as
   first line serves both cases.  A line that begins with ``*#`` is a command, not a comment.

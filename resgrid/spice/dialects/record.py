@@ -1,4 +1,4 @@
-"""Records that describe a circuit simulator: rules for reading and writing decks, its statements and its errors.
+"""The type `Dialect`: a simulator's rules for reading and writing decks, its statements, errors and costs.
 
 Dialects of SPICE disagree in these points when they read a deck (the module of each dialect lists more):
 

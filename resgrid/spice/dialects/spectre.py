@@ -1,4 +1,4 @@
-"""Dialect of Spectre, from its reference manuals; Spectre was not run.
+"""Dialect of Spectre as data: rules of its decks, from its reference manuals; Spectre was not run.
 
 - Its language is not SPICE: ``name (nodes) master parameter=value``, ``//`` comments, and a line ``simulator
   lang=spectre``.

@@ -1,4 +1,4 @@
-"""Dialect of Xyce, from its guides; Xyce was not run.
+"""Dialect of Xyce as data: rules of its decks, from its guides; Xyce was not run.
 
 - Expressions are written in braces, subcircuit parameters after ``PARAMS:``, in the definition and in every instance.
 - Only quantities in a ``.PRINT`` statement are printed; an operating point is a ``.DC`` sweep of one step.

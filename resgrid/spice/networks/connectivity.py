@@ -1,4 +1,4 @@
-"""Circuitscape's pairwise, one-to-all and all-to-one modes, with its output files.
+"""Circuitscape's pairwise, one-to-all and all-to-one modes: resistances between focal points, and output files.
 
 McRae (2006), *Isolation by resistance*; McRae, Dickson, Keitt & Shah (2008), *Using circuit theory to model
 connectivity in ecology, evolution, and conservation*; the source of Circuitscape.jl.
