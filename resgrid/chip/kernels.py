@@ -1,4 +1,4 @@
-"""Compiled kernels of the chip: band crossings of sums of exponentials, and a robot's steps on read-out voltages."""
+"""Compiled kernels of the chip analyses: settling times of sums of exponentials, steps by read-out voltages."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Compiled kernels of control: the nominal direction at a configuration, and relaxation sweeps.
+"""Compiled kernels of control: direction of motion at a configuration, and relaxation sweeps over the grid.
 
 Importing numba takes seconds, so that this module is imported only by functions that call a kernel.
 """

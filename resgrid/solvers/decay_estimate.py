@@ -1,4 +1,4 @@
-"""Estimate from the graph alone by how many orders of magnitude a potential falls.
+"""Estimate of the orders of magnitude by which a potential falls, from the graph alone, without a solution.
 
 The potential is here the voltage difference to the high rail (obstacles). It is largest at the low rail (goals), and
 falls along a corridor with the distance from the goal.

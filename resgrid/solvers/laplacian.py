@@ -1,4 +1,4 @@
-"""The matrix of all solvers: a graph of conductances, and conductances from its rows to nodes of known voltage.
+"""The type `Laplacian`, the matrix of all solvers: conductances between rows, and to nodes of known voltage.
 
 The module also computes the statistics from which a solution method is chosen.
 """

@@ -1,4 +1,4 @@
-"""LLVM instructions for kernels that numba does not expose.
+"""LLVM instructions that numba lacks, for kernels: atomic operations, subnormal numbers, arrays by address.
 
 Array views of memory addresses: the owner of a table of addresses must keep the arrays alive.
 

@@ -1,4 +1,4 @@
-"""Diagonal of an inverse matrix, from column-wise factors by the selected inverse.
+"""Diagonal of the inverse of a symmetric matrix: exact by the selected inverse, or estimated by random signs.
 
 `inverse_diagonal` and `positive_inverse_diagonal` are exact and cost about as much as the factors themselves.
 `estimate_diagonal` needs only products with the inverse, and estimates its own error.

@@ -1,4 +1,4 @@
-"""Coarsen graphs of conductances, below grids and of netlists, and store all levels for the compiled cycle.
+"""Coarsening of netlists and coarse grids, both as graphs, by aggregation along the strongest conductances.
 
 Aggregates are grown node by node along the strongest conductances, so that an aggregate never joins both sides of a
 barrier of obstacles. A graph is renumbered by colour, so that neighbouring rows of a sweep are independent. Within a

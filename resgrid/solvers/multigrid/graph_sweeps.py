@@ -1,4 +1,4 @@
-"""Gauss-Seidel sweeps over graphs: restriction to the next coarser level, prolongation, and the coarsest solve."""
+"""Gauss-Seidel smoothing of graphs, with restriction and prolongation, and the solve on the coarsest graph."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A grid's equations by colour: the level from which coarse grids and graphs are built, and its kernels.
+"""Equations of a red-black grid, by colour, as the level from which coarser grids and graphs are built.
 
 The *slot* of a node is its index in an array (slots,) over the nodes of its colour; red and black slots both count from
 0. The *position* of a node is its index in a flattened array (2, slots), whose row 0 holds red and row 1 black nodes:

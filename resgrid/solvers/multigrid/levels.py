@@ -1,4 +1,4 @@
-"""Levels of a hierarchy as arguments of kernels: red-black grids as rows of a table, and graphs below them.
+"""Multigrid levels as arguments of kernels: grids as rows of a table of addresses, then graphs.
 
 Kernels with dozens of array arguments take most of their compile time for passing these on. A row of the table (`GRID`)
 contains addresses of arrays instead, and a kernel opens the ones it needs. The owner of the table keeps the arrays

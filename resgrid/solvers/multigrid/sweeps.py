@@ -1,4 +1,4 @@
-"""Wavefront sweeps over the slabs of a grid: red cells are ahead of black ones, so that faces are read once.
+"""Smoother and grid transfers of multigrid on red-black grids, as wavefront sweeps over slabs of cells.
 
 Slabs are whole blocks of cells. Two neighbouring slabs compute the red values that both need, with equal results. No
 slab reads other values that another one writes. Sums are kept per block and added in a fixed order after all slabs; so
