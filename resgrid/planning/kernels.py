@@ -123,7 +123,7 @@ def _first_exit(local: Floats, lower: Floats, upper: Floats) -> tuple[float, int
     return time, across, side
 
 
-@inner
+@inlined
 def _strongest_exit(lower: Floats, upper: Floats) -> tuple[float, int, int]:
     """Return the largest outward velocity at a face, its axis (-1: none) and side (-1: lower, 1: upper face)."""
     speed, across, side = 0.0, -1, 0
@@ -143,9 +143,8 @@ def _cross(local: Floats, lower: Floats, upper: Floats, spacing: Floats) -> tupl
     if not drifts:
         # A stagnation point, or a line that ends in one: move straight to the face with the largest current.
         speed, across, side = _strongest_exit(lower, upper)
-        if across < 0:
-            return 0.0, 0.0, across, side
-        time = (1.0 - local[across] if side > 0 else local[across]) / speed
+        # The function has one exit, because numba counts references to the arrays in each step if it has several.
+        time = (1.0 - local[across] if side > 0 else local[across]) / speed if across >= 0 else 0.0
     squares = 0.0
     for axis in range(len(local)):
         there = local[axis]
