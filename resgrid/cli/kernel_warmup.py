@@ -17,6 +17,8 @@ from typing import Any
 import numpy as np
 
 import resgrid as rg
+from resgrid.robots.urdf.free_cells import prove_cells
+from resgrid.scene.shipped import shipped_scenes
 
 
 def _axes(**cells: int) -> tuple[rg.Axis, ...]:
@@ -164,6 +166,16 @@ def _robots() -> None:
         rg.plan(scene).path(scene.starts[0])
 
 
+def _joints() -> None:
+    try:
+        scene = rg.read_scene(shipped_scenes()["scara"])
+    except rg.ToolMissingError:  # robots from URDF files cannot be used either
+        return
+    assert isinstance(scene.robot, rg.URDFRobot)
+    # This call does not take the verdicts from the cache of earlier results, which would compile no kernel.
+    prove_cells(scene.robot.among(scene.obstacles), scene.robot.axes(4), halvings=1)
+
+
 def _control() -> None:
     for scene in (_ROOM, _ARM):
         rg.simulation(scene, k=0.9, learn=True, settle="sor").run()
@@ -187,7 +199,7 @@ def _many() -> None:
 CASES: dict[str, Callable[[], None]] = {
     case.__name__.strip("_").replace("_", " "): case
     for case in (
-        _plane, _corridors, _paths, _irregular, _volume, _chips, _updates, _control, _robots, _many, _uneven,
+        _plane, _corridors, _paths, _irregular, _volume, _chips, _joints, _updates, _control, _robots, _many, _uneven,
         _plane_of_voltages, _open_obstacles,
     )
 }  # fmt: skip

@@ -45,7 +45,6 @@ def page(viewer: Viewer) -> Iterator[Page]:
         page.on("pageerror", lambda error: wrong.append(str(error)))
         page.goto(viewer.url)
         page.get_by_text("along the path").wait_for(timeout=PATIENCE * 1000)
-        steady(page)
         yield page
         browser.close()
     assert not wrong
@@ -90,6 +89,7 @@ def test_the_page_shows_robot_and_obstacles_on_a_white_ground(page: Page) -> Non
     assert "reached" in page.inner_text("body")
 
 
+@pytest.mark.slow
 def test_the_slider_moves_the_robot(page: Page, viewer: Viewer) -> None:
     before = steady(page)
     knob = page.get_by_role("slider").first
@@ -103,6 +103,7 @@ def test_the_slider_moves_the_robot(page: Page, viewer: Viewer) -> None:
     assert (np.abs(after - before).max(axis=2) > 40).sum() > 200
 
 
+@pytest.mark.slow
 def test_a_slider_of_the_start_plans_again(page: Page, viewer: Viewer) -> None:
     status, before = str(viewer.panel.status.content), steady(page)
     field = box_of(page, 1)
