@@ -183,7 +183,7 @@ def test_the_drop_is_componentwise_accurate_below_the_range_of_doubles(number: i
 
 def test_methods_and_threads_agree_with_leaks_on_larger_grids() -> None:
     rng = np.random.default_rng(5)
-    for shape in ((150, 120), (18, 20, 22)):
+    for shape in ((90, 80), (13, 14, 15)):
         cell = (rng.random(shape) < 0.1).astype(np.uint8)
         cell[tuple(size // 2 for size in shape)] = GOAL
         space = space_of(cell, conductivity=rng.lognormal(0.0, 0.5, shape))

@@ -82,6 +82,7 @@ def box_of(page: Page, number: int):
     return page.locator("input:visible").nth(number)
 
 
+@pytest.mark.slow
 def test_the_page_shows_robot_and_obstacles_on_a_white_ground(page: Page) -> None:
     seen = steady(page)
     assert (np.abs(seen - 255).max(axis=2) > 40).mean() > 0.02
@@ -116,6 +117,7 @@ def test_a_slider_of_the_start_plans_again(page: Page, viewer: Viewer) -> None:
     assert (np.abs(steady(page) - before).max(axis=2) > 40).sum() > 200
 
 
+@pytest.mark.slow
 def test_the_goal_of_a_handle_is_solved_and_played(page: Page, viewer: Viewer) -> None:
     status = str(viewer.panel.status.content)
     pose = np.array([-1.0, -0.5])
