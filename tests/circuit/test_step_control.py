@@ -119,7 +119,7 @@ def test_a_fast_mode_is_resolved_with_a_late_last_time(small: int, tolerance: fl
         ("trapezoidal", 1e-8),
         ("backward_euler", 1e-1),
         ("backward_euler", 1e-2),
-        ("backward_euler", 1e-4),
+        pytest.param("backward_euler", 1e-4, marks=pytest.mark.slow),
     ],
 )
 def test_every_method_keeps_its_tolerance(method: str, tolerance: float) -> None:

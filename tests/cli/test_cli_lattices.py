@@ -70,7 +70,8 @@ def test_a_scene_file_names_its_lattice(answer, call, scenes, tmp_path):
     assert rg.read_scene(scene).lattice == "square8"
 
 
-@pytest.mark.parametrize("lattice", [pytest.param("square8", marks=pytest.mark.slow), "hexagonal"])
+@pytest.mark.slow
+@pytest.mark.parametrize("lattice", PLANES)
 def test_blends_files_and_pictures_of_a_lattice(answer, call, scenes, tmp_path, lattice):
     rooms = (scenes / "rooms.toml", "--lattice", lattice)
     paths = answer("path", *rooms, "--k", "0,0.5,1", "-o", tmp_path / "paths.csv")["paths"]

@@ -136,6 +136,7 @@ def test_lists_that_contradict_the_record_are_found(board: Path) -> None:
     assert len(unreadable) == 2 and "'R1-Q3' is not a reference" in unreadable[1]
 
 
+@pytest.mark.slow
 def test_without_a_schematic_the_board_is_not_verified(board: Path) -> None:
     for sheet in board.glob("*.kicad_sch"):
         sheet.unlink()
