@@ -8,10 +8,10 @@ from hypothesis import HealthCheck, settings
 
 PROJECT = Path(__file__).resolve().parents[1]
 
-# No test depends on the duration of an example.  'make test' draws equal examples everywhere; 'make fuzz' uses
-# --hypothesis-profile=fuzz and a seed.
+# No test depends on the duration of an example.  'make test' draws equal examples everywhere, 40 unless a test states
+# another number; 'make fuzz' uses --hypothesis-profile=fuzz, a seed and 100 examples.
 _UNTIMED = {"deadline": None, "database": None, "suppress_health_check": [HealthCheck.too_slow]}
-settings.register_profile("fixed", derandomize=True, **_UNTIMED)
+settings.register_profile("fixed", derandomize=True, max_examples=40, **_UNTIMED)
 settings.register_profile("fuzz", derandomize=False, print_blob=True, **_UNTIMED)
 settings.load_profile("fixed")
 

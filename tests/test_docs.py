@@ -18,8 +18,8 @@ API = PROJECT / "docs" / "reference" / "api"
 PAGES = sorted(page for page in API.glob("*.rst") if page.stem != "index")
 
 
-SLOW = {"chips", "control", "decks", "fields", "hardware", "live"}
-"""Pages whose sessions take more than two seconds."""
+SLOW = {"chips", "control", "decks", "fields", "hardware", "live", "pictures"}
+"""Pages whose sessions take more than one second."""
 
 NAMESPACES = [name for name in rg.__all__ if inspect.ismodule(getattr(rg, name))]
 

@@ -72,7 +72,9 @@ def kcl_violation(field: rg.Field, cells: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("boundary", ["dirichlet", "neumann"])
-@pytest.mark.parametrize("name", MAPS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name == "epic/maze_1.png")) for name in MAPS]
+)
 def test_every_connected_cell_reaches_a_goal_by_descent(cases: Path, name: str, boundary: str) -> None:
     space = with_goal(cases / name, **MAPS[name])
     field = rg.field(rg.solve(rg.compile_space(space, boundary=boundary)))
@@ -90,7 +92,7 @@ def test_every_connected_cell_reaches_a_goal_by_descent(cases: Path, name: str, 
         starts = space.centre(cells)
     traces = rg.streamlines(field, starts)
     assert np.all(traces.outcome == "reached")
-    for start in starts[rng.choice(len(starts), 40)]:
+    for start in starts[rng.choice(len(starts), 15)]:
         path = rg.streamline(field, start)
         rg.certify(path)
         assert np.all(np.diff(height[tuple(path.cells.T)]) < 0)

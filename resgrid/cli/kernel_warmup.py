@@ -10,6 +10,7 @@ import gc
 import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import suppress
 from dataclasses import replace
 from multiprocessing import get_context
 from typing import Any
@@ -17,6 +18,8 @@ from typing import Any
 import numpy as np
 
 import resgrid as rg
+from resgrid.robots.urdf.free_cells import prove_cells
+from resgrid.scene.shipped import shipped_scenes
 
 
 def _axes(**cells: int) -> tuple[rg.Axis, ...]:
@@ -164,6 +167,14 @@ def _robots() -> None:
         rg.plan(scene).path(scene.starts[0])
 
 
+def _joints() -> None:
+    with suppress(rg.ToolMissingError):  # robots from URDF files cannot be used without their packages
+        scene = rg.read_scene(shipped_scenes()["scara"])
+        assert isinstance(scene.robot, rg.URDFRobot)
+        # `rg.build_space` would read the verdicts of an earlier run from the cache and compile no kernel.
+        prove_cells(scene.robot.among(scene.obstacles), scene.robot.axes(4), halvings=1)
+
+
 def _control() -> None:
     for scene in (_ROOM, _ARM):
         rg.simulation(scene, k=0.9, learn=True, settle="sor").run()
@@ -187,7 +198,7 @@ def _many() -> None:
 CASES: dict[str, Callable[[], None]] = {
     case.__name__.strip("_").replace("_", " "): case
     for case in (
-        _plane, _corridors, _paths, _irregular, _volume, _chips, _updates, _control, _robots, _many, _uneven,
+        _plane, _corridors, _paths, _irregular, _volume, _chips, _joints, _updates, _control, _robots, _many, _uneven,
         _plane_of_voltages, _open_obstacles,
     )
 }  # fmt: skip

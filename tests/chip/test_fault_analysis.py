@@ -60,7 +60,7 @@ def test_lost_starts_equal_those_of_the_rebuilt_faulty_chip(chip: rg.Chip) -> No
     healthy = reaches_goal(rg.solve(netlist).voltage, neighbours, converter) & starts
     assert result.served == healthy.sum() > 0
     for short, lost in ((None, result.open), (5.0, result.short)):
-        some = range(0, len(lost), 1 if len(lost) < 150 and chip.saturation_voltage is None else 4)
+        some = range(0, len(lost), 1 if len(lost) < 150 and chip.saturation_voltage is None else 8)
         expected = [
             (healthy & ~reaches_goal(rebuilt_voltages(netlist, element, short), neighbours, converter)).sum()
             for element in some

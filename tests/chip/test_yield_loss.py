@@ -52,7 +52,7 @@ def test_every_key_of_a_chip_belongs_to_an_effect_or_to_the_design() -> None:
 
 
 def test_a_cause_has_the_yield_of_the_chip_without_the_effect() -> None:
-    trials = 16
+    trials = 10
     loss = rg.study(walled_space(), CHIP).yield_loss(trials=trials)
     base, starts = served(CHIP, trials), int(walled_space().goal_connected.sum())
     assert loss.overall.value == base.sum() / (trials * starts)

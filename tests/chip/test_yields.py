@@ -203,12 +203,12 @@ def numbers(result: rg.chip.Yield) -> tuple[object, ...]:
 
 def test_trials_are_independent_chips_with_the_same_results_on_every_executor(processes: Executor) -> None:
     made = rg.study(random_space(), CHIP)
-    alone = made.yields(trials=70, batch=35, half_width=1e-4)
-    assert alone.trials == 70
+    alone = made.yields(trials=40, batch=20, half_width=1e-4)
+    assert alone.trials == 40
     with ThreadPoolExecutor(2) as threads:
-        assert numbers(made.yields(trials=70, batch=35, half_width=1e-4, executor=threads)) == numbers(alone)
-    assert numbers(made.yields(trials=70, batch=35, half_width=1e-4, executor=processes)) == numbers(alone)
-    other = made.yields(trials=70, batch=35, half_width=1e-4, seed=8)
+        assert numbers(made.yields(trials=40, batch=20, half_width=1e-4, executor=threads)) == numbers(alone)
+    assert numbers(made.yields(trials=40, batch=20, half_width=1e-4, executor=processes)) == numbers(alone)
+    other = made.yields(trials=40, batch=20, half_width=1e-4, seed=8)
     assert numbers(other) != numbers(alone)
     one = rg.chip.build_chip(made.ideal, CHIP, (7, 3))
     experiment = prepare_experiment(made.ideal, CHIP, [CHIP.readout])

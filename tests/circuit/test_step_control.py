@@ -91,7 +91,7 @@ def test_a_large_final_voltage_does_not_loosen_the_tolerance(leak: float) -> Non
     assert np.abs(found.voltage[:, 2] + np.expm1(-times / 1e-6)).max() < 1e-6
 
 
-@settings(max_examples=20)
+@settings(max_examples=8)
 @given(small=st.integers(-18, -13), tolerance=st.sampled_from([1e-2, 1e-3, 1e-6]), last=st.sampled_from([1e-3, 1.0]))
 def test_a_fast_mode_is_resolved_with_a_late_last_time(small: int, tolerance: float, last: float) -> None:
     # Both nodes rise together with 1 kohm times the small capacitance; 1 nF between them holds them together.
@@ -119,11 +119,11 @@ def test_a_fast_mode_is_resolved_with_a_late_last_time(small: int, tolerance: fl
         ("trapezoidal", 1e-8),
         ("backward_euler", 1e-1),
         ("backward_euler", 1e-2),
-        ("backward_euler", 1e-4),
+        pytest.param("backward_euler", 1e-4, marks=pytest.mark.slow),
     ],
 )
 def test_every_method_keeps_its_tolerance(method: str, tolerance: float) -> None:
-    times = np.linspace(0, 5e-6, 51)
+    times = np.linspace(0, 2e-6, 21)
     found = rg.circuit.transient(one_pole(), times, method=method, tolerance=tolerance)
     assert np.abs(found.voltage[:, 2] + np.expm1(-times / 1e-6)).max() < 0.7 * tolerance
 

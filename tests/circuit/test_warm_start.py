@@ -66,7 +66,7 @@ def changed(space, rng, kind):
 
 
 @pytest.mark.parametrize("wiring", WIRINGS, ids=lambda wiring: wiring["boundary"])
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=6, deadline=None)
 @example(seed=196, kinds=["goal moved", "goals", "freed"])
 @given(
     seed=st.integers(0, 2**32 - 1),

@@ -70,6 +70,7 @@ def test_a_scene_file_names_its_lattice(answer, call, scenes, tmp_path):
     assert rg.read_scene(scene).lattice == "square8"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lattice", PLANES)
 def test_blends_files_and_pictures_of_a_lattice(answer, call, scenes, tmp_path, lattice):
     rooms = (scenes / "rooms.toml", "--lattice", lattice)

@@ -69,6 +69,12 @@ def test_every_warmup_case_runs(case):
     kernel_warmup.CASES[case]()
 
 
+def test_warmup_omits_robots_whose_packages_are_missing(monkeypatch):
+    for name in ("coal", "trimesh"):
+        monkeypatch.setitem(sys.modules, name, None)
+    kernel_warmup.CASES["joints"]()
+
+
 @pytest.mark.slow
 def test_a_process_loads_the_kernels_that_another_has_compiled(tmp_path):
     assert compiled(tmp_path) > 0

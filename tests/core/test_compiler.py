@@ -69,7 +69,7 @@ def compiled_conductances(netlist: rg.Netlist) -> dict[tuple[str, str], float]:
     return total
 
 
-@settings(max_examples=150)
+@settings(max_examples=60)
 @given(spaces(), st.sampled_from(["dirichlet", "neumann", "wall"]), st.sampled_from(["obstacle", "open"]))
 def test_conductances_of_random_spaces_equal_the_documented_rules(
     space: rg.ConfigurationSpace, boundary: str, edge: str

@@ -183,7 +183,7 @@ def named_totals(netlist: rg.Netlist) -> dict[tuple[str, str], float]:
     return total
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(st.data())
 def test_conductances_of_diagonal_lattices_are_those_of_their_blocks(data: st.DataObject) -> None:
     name = data.draw(st.sampled_from(["square8", "cube26"]))
@@ -198,7 +198,7 @@ def test_conductances_of_diagonal_lattices_are_those_of_their_blocks(data: st.Da
     assert dict(named_totals(netlist)) == pytest.approx(expected(space, boundary, edge, wall), rel=1e-12)
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(st.data())
 def test_resistors_of_the_hexagonal_lattice_are_the_segments_clear_of_obstacles(data: st.DataObject) -> None:
     space = data.draw(lattice_spaces("hexagonal"))
@@ -243,7 +243,7 @@ def obstacles_of(space: rg.ConfigurationSpace) -> list[object]:
     return boxes
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(st.data())
 def test_sites_are_connected_as_their_cells(data: st.DataObject) -> None:
     name = data.draw(st.sampled_from(["square8", "cube26", "hexagonal"]))

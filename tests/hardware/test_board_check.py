@@ -1,6 +1,6 @@
 """Verification of boards by kicad-cli and ngspice: a written board agrees, and every fault is found in its place.
 
-Tests internals: `resgrid.hardware.tools`.
+Tests internals: `resgrid.hardware.board_check`, `resgrid.hardware.kicad_reports`, `resgrid.hardware.tools`.
 """
 
 from __future__ import annotations
@@ -17,7 +17,9 @@ from hardware.board_mutations import MUTATIONS, Place, Project, drill_through_a_
 from support.cli import call
 
 import resgrid as rg
-from resgrid.hardware.tools import find_kicad
+from resgrid.hardware import board_check
+from resgrid.hardware.kicad_reports import BoardReports, report_board
+from resgrid.hardware.tools import KicadCli, find_kicad
 
 CELLS = np.zeros((5, 4), np.uint8)
 CELLS[1, 1], CELLS[2, 1], CELLS[4, 3] = 1, 1, 2
@@ -34,6 +36,26 @@ def write_small_board(folder: Path, kind: str) -> Path:
 def boards(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """Folder of a board of each kind; no test changes these folders."""
     return {kind: write_small_board(tmp_path_factory.mktemp("boards") / kind, kind) for kind in ("fixed", "jumpers")}
+
+
+@pytest.fixture(scope="module")
+def known_reports() -> dict[tuple[object, ...], BoardReports]:
+    """Reports of kicad-cli by the names and contents of the files that it reads."""
+    return {}
+
+
+@pytest.fixture(autouse=True)
+def _reports_once(known_reports: dict[tuple[object, ...], BoardReports], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Run kicad-cli once for equal files: a test that changes only lists or the record uses the earlier reports."""
+
+    def report_once(kicad: KicadCli, board: Path, folder: Path, timeout: float) -> BoardReports:
+        files = sorted(file for file in board.parent.rglob("*") if file.suffix not in (".csv", ".json"))
+        key = (kicad, board.name, *((file.name, file.read_bytes()) for file in files if file.is_file()))
+        if key not in known_reports:
+            known_reports[key] = report_board(kicad, board, folder, timeout)
+        return known_reports[key]
+
+    monkeypatch.setattr(board_check, "report_board", report_once)
 
 
 @pytest.fixture
@@ -114,6 +136,7 @@ def test_lists_that_contradict_the_record_are_found(board: Path) -> None:
     assert len(unreadable) == 2 and "'R1-Q3' is not a reference" in unreadable[1]
 
 
+@pytest.mark.slow
 def test_without_a_schematic_the_board_is_not_verified(board: Path) -> None:
     for sheet in board.glob("*.kicad_sch"):
         sheet.unlink()

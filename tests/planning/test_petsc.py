@@ -36,6 +36,8 @@ CASES: list[tuple[tuple[int, ...], tuple[int, ...], dict[str, Any]]] = [
     ((6, 7, 5, 6), (1, 3), {"boundary": "dirichlet"}),
     ((6, 2, 5, 6), (1, 3), {"boundary": "neumann", "edge": "open"}),
 ]
+QUICK = (1, 3)
+"""Cases without the mark `slow`: two ranks in the plane and one rank in space."""
 
 
 def scattered_space(shape: tuple[int, ...], rings: tuple[int, ...], seed: int) -> rg.ConfigurationSpace:
@@ -54,7 +56,9 @@ def processes() -> str:
 
 
 @pytest.mark.filterwarnings("ignore:more ranks")
-@pytest.mark.parametrize("number", range(len(CASES)))
+@pytest.mark.parametrize(
+    "number", [pytest.param(number, marks=[pytest.mark.slow] * (number not in QUICK)) for number in range(len(CASES))]
+)
 def test_petsc_agrees_with_the_built_in_solver_and_safe_paths_certify(number: int) -> None:
     shape, rings, options = CASES[number]
     space = scattered_space(shape, rings, number)
@@ -105,6 +109,7 @@ def test_streamlines_end_in_cells_that_are_not_direction_safe() -> None:
     assert rg.basins(field)[tuple(beyond)] == -1
 
 
+@pytest.mark.slow
 def test_a_driving_start_agrees_with_the_built_in_solver() -> None:
     space = scattered_space((20, 20), (), 3)
     start = tuple(np.argwhere(space.goal_connected)[100].tolist())
@@ -184,6 +189,7 @@ def test_a_broken_launcher_and_one_without_effect_are_reported(tmp_path: Path) -
         rg.plan(space, method="petsc", launcher="false")
 
 
+@pytest.mark.slow
 def test_a_launcher_of_another_mpi_is_rejected(tmp_path: Path) -> None:
     launcher = tmp_path / "launcher"  # starts two processes that do not know each other
     launcher.write_text('#!/bin/sh\n"$@"\n"$@"\n')
@@ -214,8 +220,12 @@ def test_the_import_error_of_petsc4py_is_part_of_the_message(tmp_path: Path, mon
     ("options", "said"),
     [
         ("-pc_type nonsense", "-pc_type nonsense: Unable to find requested PC type nonsense"),
-        ("-pc_type gamg -ksp_max_it abc", "-ksp_max_it abc: Input string abc has no integer value"),
-        ("-options_file /nowhere", "-options_file /nowhere: "),
+        pytest.param(
+            "-pc_type gamg -ksp_max_it abc",
+            "-ksp_max_it abc: Input string abc has no integer value",
+            marks=pytest.mark.slow,
+        ),
+        pytest.param("-options_file /nowhere", "-options_file /nowhere: ", marks=pytest.mark.slow),
     ],
 )
 def test_an_option_that_petsc_rejects_is_named(

@@ -128,7 +128,7 @@ def test_every_frame_agrees_with_a_fresh_plan(make, options) -> None:
     rng = np.random.default_rng([len(str(options)), len(make.__name__)])
     planner = rg.plan(rg.ConfigurationSpace.from_array(make(rng), spacing=(0.5, 0.4)), **options)
     methods = set()
-    for frame in frames(planner.space.cell, rng, 12):
+    for frame in frames(planner.space.cell, rng, 8):
         planner = planner.update(frame)
         assert planner.replanning is not None
         methods.add(planner.replanning.method)

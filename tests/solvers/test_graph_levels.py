@@ -69,7 +69,7 @@ def test_rows_of_a_window_are_ordered_by_length() -> None:
     assert np.all((np.diff(length) >= 0) | (np.diff(colour[order]) > 0))
 
 
-@settings(max_examples=60)
+@settings(max_examples=25)
 @given(**GRAPHS, strict=st.booleans())
 def test_aggregates_are_connected_and_their_sums_conserve_conductance(
     nodes: int, per_node: float, seed: int, strict: bool

@@ -95,7 +95,7 @@ def test_results_do_not_depend_on_the_number_of_threads(
 ) -> None:
     netlist = rg.compile_space(room(shape, 11, rings=rings), **wiring)
     one, *others = (
-        rg.solve(netlist, accuracy=accuracy, method="multigrid", rtol=1e-8, threads=threads) for threads in (1, 2, 3, 8)
+        rg.solve(netlist, accuracy=accuracy, method="multigrid", rtol=1e-4, threads=threads) for threads in (1, 3, 8)
     )
     for other in others:
         assert_same(one, other)

@@ -102,7 +102,7 @@ def test_other_dialects_are_written_but_not_run(tmp_path: Path, dialect: str) ->
     law = rg.circuit.Memristor(1e3, 1e5, 1e6, "joglekar", 2, initial=0.2)
     for circuit in (grid(), grid(law), random_memristive(3, capacitors=True)):
         written = rg.spice.write_memristive(
-            circuit, tmp_path / "a.cir", stop=1.0, dialect=dialect, waveform=[[0, 1], [1, 2]]
+            circuit, tmp_path / "a.cir", stop=0.1, dialect=dialect, waveform=[[0, 1], [1, 2]]
         )
         if dialect in ("xyce", "spectre"):
             assert strangers(written.path.read_text() + written.commands.read_text(), dialect) == []
@@ -113,10 +113,10 @@ def test_other_dialects_are_written_but_not_run(tmp_path: Path, dialect: str) ->
 @pytest.mark.parametrize("dialect", ["ltspice", "hspice"])
 def test_ngspice_reads_other_dialects_in_its_compatibility_modes(tmp_path: Path, dialect: str) -> None:
     circuit = grid()
-    written = rg.spice.write_memristive(circuit, tmp_path / "a.cir", stop=0.3, dialect=dialect)
+    written = rg.spice.write_memristive(circuit, tmp_path / "a.cir", stop=0.1, dialect=dialect)
     run(written.commands, dialect)
     found = waves(tmp_path / "out.raw", "Transient")
-    end = rg.circuit.memristive_transient(circuit, [0.3])
+    end = rg.circuit.memristive_transient(circuit, [0.1])
     states = [found[name][-1] for name in json.loads(written.sidecar.read_text())["states"]]
     assert sorted(states) == pytest.approx(sorted(end.state[-1]), abs=1e-3)
 

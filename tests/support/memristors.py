@@ -55,6 +55,12 @@ class DenseMemristors:
         self.inner = np.setdiff1d(np.arange(1, netlist.node_count), self.known)
         self.farads = np.zeros(netlist.node_count)
         np.add.at(self.farads, netlist.capacitor_nodes[:, 0], netlist.capacitance)
+        identity = np.eye(netlist.node_count)
+        self.incidence = identity[netlist.resistor_nodes[:, 0]] - identity[netlist.resistor_nodes[:, 1]]
+        self.amps = np.zeros(netlist.node_count)
+        np.add.at(self.amps, netlist.current_nodes[:, 1], netlist.current_amps)
+        np.add.at(self.amps, netlist.current_nodes[:, 0], -netlist.current_amps)
+        self.has_capacitors = bool(self.farads.any())
 
     def ohms(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         law, resistance = self.circuit.law, 1 / self.circuit.netlist.conductance
@@ -62,31 +68,17 @@ class DenseMemristors:
         return resistance
 
     def matrix(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        netlist = self.circuit.netlist
-        matrix = np.zeros((netlist.node_count, netlist.node_count))
-        for (a, b), ohm in zip(netlist.resistor_nodes.tolist(), self.ohms(x).tolist(), strict=True):
-            matrix[a, a] += 1 / ohm
-            matrix[b, b] += 1 / ohm
-            matrix[a, b] -= 1 / ohm
-            matrix[b, a] -= 1 / ohm
-        return matrix
-
-    def injected(self) -> NDArray[np.float64]:
-        netlist = self.circuit.netlist
-        amps = np.zeros(netlist.node_count)
-        np.add.at(amps, netlist.current_nodes[:, 1], netlist.current_amps)
-        np.add.at(amps, netlist.current_nodes[:, 0], -netlist.current_amps)
-        return amps
+        return self.incidence.T @ (self.incidence / self.ohms(x)[:, None])
 
     def voltages(self, t: float, y: NDArray[np.float64]) -> NDArray[np.float64]:
         x, netlist = y[: len(self.circuit.memristors)], self.circuit.netlist
         volts = np.zeros(netlist.node_count)
         volts[self.known] = self.factor(t) * netlist.source_volts
-        if self.farads.any():
+        if self.has_capacitors:
             volts[self.inner] = y[len(x) :]
         elif len(self.inner):
             matrix = self.matrix(x)
-            right = self.factor(t) * self.injected() - matrix @ volts
+            right = self.factor(t) * self.amps - matrix @ volts
             volts[self.inner] = np.linalg.solve(matrix[np.ix_(self.inner, self.inner)], right[self.inner])
         return volts
 
@@ -100,9 +92,9 @@ class DenseMemristors:
             drift = drift * (1 - (2 * x - 1) ** (2 * law.exponent))
         else:
             drift = np.where(((x <= 0) & (drift < 0)) | ((x >= 1) & (drift > 0)), 0.0, drift)
-        if not self.farads.any():
+        if not self.has_capacitors:
             return drift
-        current = self.factor(t) * self.injected() - self.matrix(np.clip(x, 0, 1)) @ volts
+        current = self.factor(t) * self.amps - self.matrix(np.clip(x, 0, 1)) @ volts
         return np.concatenate([drift, current[self.inner] / self.farads[self.inner]])
 
     def run(self, times: NDArray[np.float64], rtol: float = 1e-8) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -110,7 +102,7 @@ class DenseMemristors:
 
         The method is explicit: implicit methods of scipy are wrong by 0.002 here where a drift jumps to 0 at a limit.
         """
-        start = np.concatenate([self.circuit.state, np.zeros(len(self.inner) if self.farads.any() else 0)])
+        start = np.concatenate([self.circuit.state, np.zeros(len(self.inner) if self.has_capacitors else 0)])
         found = solve_ivp(
             self.slope, (0, times[-1]), start, "RK45", times, rtol=rtol, atol=1e-10, max_step=times[-1] / 300
         )

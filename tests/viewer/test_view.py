@@ -45,7 +45,6 @@ def page(viewer: Viewer) -> Iterator[Page]:
         page.on("pageerror", lambda error: wrong.append(str(error)))
         page.goto(viewer.url)
         page.get_by_text("along the path").wait_for(timeout=PATIENCE * 1000)
-        steady(page)
         yield page
         browser.close()
     assert not wrong
@@ -83,6 +82,7 @@ def box_of(page: Page, number: int):
     return page.locator("input:visible").nth(number)
 
 
+@pytest.mark.slow
 def test_the_page_shows_robot_and_obstacles_on_a_white_ground(page: Page) -> None:
     seen = steady(page)
     assert (np.abs(seen - 255).max(axis=2) > 40).mean() > 0.02
@@ -90,6 +90,7 @@ def test_the_page_shows_robot_and_obstacles_on_a_white_ground(page: Page) -> Non
     assert "reached" in page.inner_text("body")
 
 
+@pytest.mark.slow
 def test_the_slider_moves_the_robot(page: Page, viewer: Viewer) -> None:
     before = steady(page)
     knob = page.get_by_role("slider").first
@@ -103,6 +104,7 @@ def test_the_slider_moves_the_robot(page: Page, viewer: Viewer) -> None:
     assert (np.abs(after - before).max(axis=2) > 40).sum() > 200
 
 
+@pytest.mark.slow
 def test_a_slider_of_the_start_plans_again(page: Page, viewer: Viewer) -> None:
     status, before = str(viewer.panel.status.content), steady(page)
     field = box_of(page, 1)
@@ -115,6 +117,7 @@ def test_a_slider_of_the_start_plans_again(page: Page, viewer: Viewer) -> None:
     assert (np.abs(steady(page) - before).max(axis=2) > 40).sum() > 200
 
 
+@pytest.mark.slow
 def test_the_goal_of_a_handle_is_solved_and_played(page: Page, viewer: Viewer) -> None:
     status = str(viewer.panel.status.content)
     pose = np.array([-1.0, -0.5])

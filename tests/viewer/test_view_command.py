@@ -44,7 +44,7 @@ def test_without_viser_live_names_the_command_that_installs_it(monkeypatch, scen
     assert result.exit_code == 3 and "pip install" in result.stderr and "viser" in result.stderr
 
 
-@pytest.mark.parametrize("what", ["page", "space", "paths", "robot"])
+@pytest.mark.parametrize("what", ["page", "space", "paths", pytest.param("robot", marks=pytest.mark.slow)])
 def test_plot_draws_arms_and_their_spaces(what: str, scenes: Path, tmp_path: Path) -> None:
     result = call("plot", scenes / "scara.toml", *FEW, "--what", what, "-o", tmp_path / "arm.png")
     assert result.exit_code == 0, result.stderr
@@ -52,6 +52,7 @@ def test_plot_draws_arms_and_their_spaces(what: str, scenes: Path, tmp_path: Pat
         assert np.ptp(np.asarray(image.convert("L")).astype(int)) > 200
 
 
+@pytest.mark.slow
 def test_run_draws_the_arm_its_path_and_its_cells(scenes: Path, tmp_path: Path) -> None:
     result = call("run", scenes / "scara.toml", *FEW, "--no-check", "-o", tmp_path / "out")
     assert result.exit_code in (0, 1), result.stderr

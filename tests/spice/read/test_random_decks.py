@@ -1,4 +1,4 @@
-"""Voltages of random decks, compared with ngspice; ``RESGRID_RANDOM_DECKS`` is their number (default 100).
+"""Voltages of random decks, compared with ngspice; ``RESGRID_RANDOM_DECKS`` is their number (default 40).
 
 Tests internals: `resgrid.spice.read.deck`, `resgrid.spice.run.rawfile`.
 """
@@ -16,7 +16,7 @@ import resgrid as rg
 from resgrid.spice.read.deck import read_with
 from resgrid.spice.run.rawfile import read_rawfile
 
-COUNT = int(os.environ.get("RESGRID_RANDOM_DECKS", "100"))
+COUNT = int(os.environ.get("RESGRID_RANDOM_DECKS", "40"))
 
 
 def simulated(folder: Path, seeds: range) -> list[dict[str, float]]:

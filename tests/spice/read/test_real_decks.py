@@ -31,7 +31,7 @@ def test_an_openroad_ground_net_has_the_published_voltages(cases: Path) -> None:
     assert max(error) < 1e-6
 
 
-@pytest.mark.parametrize("least", [0, 10**9])
+@pytest.mark.parametrize("least", [0, pytest.param(10**9, marks=pytest.mark.slow)])
 def test_an_iccad_power_grid_without_title_has_the_published_drops(cases: Path, least: int) -> None:
     folder = cases / "iccad23" / "testcase11"
     deck = read_with(folder / "netlist.sp", least_bytes=least)
