@@ -174,8 +174,8 @@ def exact_integrals(dynamics: Dynamics, band: tuple[float, float] | None) -> Int
     """Compute effective resistances to the rails, and integrals of ``Re Z`` over a band, from factors of the matrices.
 
     ``Re Z`` is the real part of the impedance from a row to the rails.  `dynamics`: circuit equations; `band`: lower
-    and upper limit in hertz, None for integrals of 0.  Returns `Integrals`: resistances in ohms, zeros,
-    integrals in ohm hertz, and bounds on their rounding errors in ohm hertz, each of shape (n,).
+    and upper limit in hertz, None for integrals of 0.  Returns `Integrals`: resistances in ohms, 0 as their
+    errors, integrals in ohm hertz, and bounds on their rounding errors in ohm hertz, each of shape (n,).
     """
     none = np.zeros(dynamics.size)
     if not dynamics.size:

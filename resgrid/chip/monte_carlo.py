@@ -337,7 +337,7 @@ class TrialSeries(NamedTuple):
 def run_series(
     series: Sequence[TrialSeries], starts: int, executor: Executor | None, journal: Journal | None
 ) -> Generator[tuple[NDArray[np.bool_], bool], None, None]:
-    """Run several series of trials, and yield the result of every trial in order.
+    """Run several series of trials, and yield the result of every trial: all of the first series, then the next.
 
     `series`: the series; `starts`: number of starts; `executor`: workers that run blocks of trials, None for this
     process; `journal`: checkpoint file, None for no checkpoint.  A result is a pair: the mask of the starts that reach

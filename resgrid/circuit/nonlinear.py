@@ -60,7 +60,7 @@ _SATURATED = 14.0
 """Ratio ``dV / V0`` above which a nonlinear resistor counts as saturated: its current is within 1e-12 of ``I0``."""
 
 _MARGIN = 1e-12
-"""Relative rounding error of the capacity of a cut: the sum of ``I0`` of the resistors in the cut."""
+"""Relative rounding error of the capacity of a cut, which is the sum of ``I0`` of the resistors in the cut."""
 
 _CURRENT_ROUNDING = 1e-13
 """Relative rounding error of nonlinear currents; near saturation a voltage computed from the current is uncertain."""

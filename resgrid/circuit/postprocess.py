@@ -359,7 +359,7 @@ def node_sums(
 def _log_drop_and_potential(
     system: Equations, values: NodeValues
 ) -> tuple[NDArray[np.float64] | None, NDArray[np.float64] | None]:
-    """Return natural logarithms of drops (None without two rails), and potentials or None, (nodes,) each."""
+    """Return natural logs of drops (None without two rails) and potentials (None: see `_potential`), (nodes,) each."""
     potential = _potential(system, values.height)
     if system.rails is None or potential is None:
         return None, potential

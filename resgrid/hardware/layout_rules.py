@@ -89,7 +89,7 @@ class LayoutRules:
     head : int
         Smallest length of an end.
     body_covers, covers : tuple of Cover
-        Layers that cover only bodies, and layers that cover the whole array.
+        Layers that cover only the bodies of resistors, such as a salicide block, and layers over the whole array.
     contact_size, contact_space, contact_enclosure, contact_distance : int
         Edge length and spacing of contacts, enclosure by the end, and distance of a contact from the body.
     contact_metal : int
@@ -134,12 +134,12 @@ class LayoutRules:
 
     @property
     def overlap(self) -> int:
-        """Largest overlap, across the current, of the layers that cover only bodies, in nanometres."""
+        """Largest overlap, across the current, of the layers that cover only resistor bodies (`body_covers`), in nm."""
         return max((cover.beside for cover in self.body_covers), default=0)
 
     @property
     def cover_space(self) -> int:
-        """Largest of the minimum spacings of the layers that cover only bodies, in nanometres."""
+        """Largest of the minimum spacings of the layers that cover only resistor bodies (`body_covers`), in nm."""
         return max((cover.space for cover in self.body_covers), default=0)
 
     def up(self, length: float) -> int:

@@ -167,12 +167,13 @@ def _reachable_piece(
 ) -> tuple[int, int]:
     """Return the index of the nearest piece of the goal region that the tip may reach, and the joint to bisect.
 
-    `box`: index of the box on the stack, a part of the cell; `tolerance`: in metres.  The piece is an edge, disc or
-    half-plane of `goal`, or -1 if bounds exclude the whole region.  A joint has the Jacobian column ``J`` and turns by
-    at most ``half``, half the width of the box, from the middle.  Bound 1: the tip moves by at most the sum over joints
-    of ``2 sin(half / 2) |J|``.  Bound 2: towards a convex piece with unit vector ``u`` it moves by at most the sum of
-    ``|u . J| half`` over joints plus, for the remainder of the linearization, the sum of ``length * turn**2 / 2`` over
-    links, with the largest ``turn`` of the link.  The joint to bisect is the one with the largest effect on the tip.
+    `box`: index of the box on the stack, a part of the cell; `tolerance`: distance from the region, in metres, up to
+    which the tip counts as in the region.  The piece is an edge, disc or half-plane of `goal`, or -1 if bounds exclude
+    the whole region.  A joint has the Jacobian column ``J`` and turns by at most ``half``, half the width of the box,
+    from the middle.  Bound 1: the tip moves by at most the sum over joints of ``2 sin(half / 2) |J|``.  Bound 2:
+    towards a convex piece with unit vector ``u`` it moves by at most the sum of ``|u . J| half`` over joints plus, for
+    the remainder of the linearization, the sum of ``length * turn**2 / 2`` over links, with the largest ``turn`` of the
+    link.  The joint to bisect is the one with the largest effect on the tip.
     """
     n, jacobian, halves = len(work.at), work.jacobian, work.halves
     travel = curved = turn = most = 0.0

@@ -331,7 +331,8 @@ def _coarsened_in_bands(source: MapSource, step: int, window: Window, pads: Sequ
     """Return codes, unknown cells and conductivity of the joined cells of a window, read in bands along the last axis.
 
     `source`: the map; `step`: number of cells along each axis that are joined into one; `window`: the cells to join;
-    `pads`: number of cells added before and after the window along each axis, free before and obstacles after.
+    `pads`: numbers of cells of the map that are added at the lower end (free cells) and at the upper end (obstacles) of
+    each axis, before cells are joined.
     """
     (low, high), (lead, tail) = window[-1], pads[-1]
     width = prod(end - first for first, end in window[:-1])
