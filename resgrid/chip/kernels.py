@@ -1,4 +1,4 @@
-"""Compiled kernels of the chip analyses: settling times of sums of exponentials, steps by read-out voltages."""
+"""Compiled kernels of the chip analyses: settling times of sums of exponentials, next cells by read-out."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Results of lattices other than "square" for the page: values and currents per cell, and the circuit.
+"""Page data of lattices other than "square": potential and currents per cell, and all nodes and resistors.
 
 The page shows one node per cell: the site of the cell that is nearest to its centre.
 """

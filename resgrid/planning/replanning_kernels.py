@@ -1,4 +1,4 @@
-"""Compiled kernels for the field of a changed plane: equations, face currents and Kirchhoff's current law.
+"""Compiled kernels for a space of two axes with changed cells: equations, face currents, check of Kirchhoff's law.
 
 Import this module only inside functions that call a kernel, because importing numba takes seconds.
 """

@@ -1,4 +1,4 @@
-"""Second reading of a deck's file by the rules of another simulator's dialect, and the largest difference."""
+"""Second reading of a deck by another dialect's rules, and the largest difference between both voltages."""
 
 from __future__ import annotations
 
