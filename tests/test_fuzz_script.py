@@ -35,6 +35,7 @@ def test_every_part_uses_the_printed_seed(given: dict[str, str], seed: int, tmp_
     assert code == 0 and said.startswith(f"seed {seed} ")
     assert [f"--hypothesis-seed={seed + number}" in call for number, call in enumerate(calls[:2])] == [True, True]
     assert all("--hypothesis-profile=fuzz" in call for call in calls[:3])
+    assert all("--timeout=0" in call for call in calls[2:])  # more than the ten minutes of a test that hangs
     assert calls[2].startswith("50 ") and "test_mutated_decks.py" in calls[2]
     assert f" 10000 {seed} " in calls[3] and "test_fuzzing.py" in calls[3]
     assert f" 20000 {seed} " in calls[4] and "test_cancellation.py" in calls[4]
