@@ -1,4 +1,7 @@
-"""Circuits whose source voltages are smaller than the smallest normal double, about 2.2e-308 V."""
+"""Circuits whose source voltages are smaller than the smallest normal double, about 2.2e-308 V.
+
+Tests internals: `resgrid.solvers.scaled`.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Reasons of paths that end where no current flows: the true cause, and a remedy that works."""
+"""Reasons of paths that end where no current flows: the true cause, and a remedy that works.
+
+Tests internals: `resgrid.chip.effects.spread`.
+"""
 
 from __future__ import annotations
 
