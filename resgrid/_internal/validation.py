@@ -152,7 +152,7 @@ def _with_checks(function: Callable[..., Any], name: str) -> Callable[..., Any]:
     @functools.wraps(function)
     def call(*arguments: Any, **options: Any) -> Any:
         if not checks:
-            checks.update(type_checks_of(function))
+            checks.update(_allow_defaults(function, type_checks_of(function)))
         for key, argument in (*zip(names, arguments, strict=False), *options.items()):
             if key in checks and not checks[key].accepts(argument):
                 raise InputError(_message(key, argument, checks[key]))
@@ -161,6 +161,21 @@ def _with_checks(function: Callable[..., Any], name: str) -> Callable[..., Any]:
         return function(*arguments, **options)
 
     return call
+
+
+def _allow_defaults(function: Callable[..., Any], checks: TypeChecks) -> TypeChecks:
+    """Return the checks of a function, with None accepted for parameters whose default is None.
+
+    The annotation of such a parameter may not contain None: an attribute of a dataclass is annotated with the type that
+    it has after ``__post_init__``, which replaces None.
+    """
+    unset = {key for key, each in inspect.signature(function).parameters.items() if each.default is None}
+    return {key: _or_none(kind) if key in unset and not kind.accepts(None) else kind for key, kind in checks.items()}
+
+
+def _or_none(kind: TypeCheck) -> TypeCheck:
+    """Return a check that accepts None and the values that `kind` accepts."""
+    return TypeCheck(lambda value: value is None or kind.accepts(value), (*kind.words, "None"), kind.entry)
 
 
 def type_checks_of(value: Any) -> TypeChecks:

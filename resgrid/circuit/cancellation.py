@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from resgrid.circuit.equations import Equations
 from resgrid.circuit.sources import sum_cuts, without_loops
 from resgrid.solvers.conservative_factors import Column, fixed, nearest, scaled, substitute
+from resgrid.solvers.scaled import unscaled
 
 _DEEP_FLOOR, _SHALLOW_FLOOR, _SMALL = 1000, 200, 1000
 """Negated binary exponents of the floor, and the number of rows up to which the deeper floor applies.
@@ -318,3 +319,16 @@ def _units(value: float, unit: int) -> int:
 def _log(value: int) -> float:
     """Return the binary logarithm of the magnitude of the integer `value`, rounded down; -inf for 0."""
     return value.bit_length() - 1.0 if value else -math.inf
+
+
+def with_tiny_currents(
+    amps: NDArray[np.float64], floor: float, tiny: NDArray[np.float64], exponent: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return currents ``m 2**(256 e)`` A as m and e: `amps` and 0, `tiny` and `exponent` below ``floor max|amps|``."""
+    lost = (amps == 0.0) & (np.abs(unscaled(tiny, exponent)) <= floor_of(amps, floor))
+    return np.where(lost, tiny, amps), np.where(lost, exponent, 0)
+
+
+def floor_of(values: NDArray[np.float64], floor: float) -> float:
+    """Return the magnitude up to which values were set to zero: the fraction `floor` of the largest magnitude."""
+    return float(np.nanmax(np.abs(values), initial=0.0)) * floor

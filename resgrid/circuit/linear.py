@@ -38,6 +38,9 @@ Beyond the limit, currents of circuits with more than 20,000 rows are recovered 
 (`resgrid.circuit.current_recovery`).
 """
 
+_LEAST_PLACES = -800
+"""Binary exponent of the largest driving current, below which normwise solutions scale the currents."""
+
 
 def solve_linear(
     netlist: Netlist, *, accuracy: str, method: str, rtol: float, threads: int = 1, progress: Progress | None = None
@@ -132,6 +135,8 @@ def _solve_normwise(system: Equations, run: _Run, rtol: float) -> OperatingPoint
     """
     factors = run.factor(system)
     name, threads = (factors.name, factors.threads.size) if factors else ("none", 1)
+    # Subnormal currents have too few digits for the iteration, so that small ones are multiplied by a power of two.
+    places = max(_LEAST_PLACES - int(np.frexp(np.abs(system.drive).max(initial=0.0))[1]), 0)
 
     def read(x: NDArray[np.float64]) -> OperatingPoint:
         watch = run.watch
@@ -142,12 +147,12 @@ def _solve_normwise(system: Equations, run: _Run, rtol: float) -> OperatingPoint
 
     with run.timed("substitute"):
         try:
-            x = factors.solve(system.drive, rtol=rtol, watch=run.watch) if factors else np.zeros(0)
+            x = factors.solve(np.ldexp(system.drive, places), rtol=rtol, watch=run.watch) if factors else np.zeros(0)
         except AccuracyError as error:
-            raise AccuracyError(str(error), read(np.asarray(error.best, dtype=np.float64))) from None
+            raise AccuracyError(str(error), read(np.ldexp(np.asarray(error.best, np.float64), -places))) from None
         del factors  # free the memory
     with run.timed("read"):
-        return read(x)
+        return read(np.ldexp(x, -places))
 
 
 def _substitute_and_read(system: Equations, run: _Run) -> _Solution:

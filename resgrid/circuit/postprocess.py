@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.circuit.cancellation import RecoveredCurrents
+from resgrid.circuit.cancellation import RecoveredCurrents, floor_of, with_tiny_currents
 from resgrid.circuit.equations import Equations, injected_currents
 from resgrid.circuit.operating_point import BranchCurrents, OperatingPoint
 from resgrid.circuit.sources import SourceForest, source_currents
@@ -24,7 +24,7 @@ from resgrid.solvers.factors import EXACT_ROWS, Factor
 from resgrid.solvers.laplacian import Rails
 from resgrid.solvers.progress import ProgressMonitor
 from resgrid.solvers.refinement import minus, quotient
-from resgrid.solvers.scaled import Scaled, canonical, power
+from resgrid.solvers.scaled import BITS, Scaled, canonical, divided, power, unscaled
 from resgrid.solvers.threads import SINGLE_THREAD, ThreadTeam
 
 OUT_OF_RANGE = (
@@ -43,6 +43,9 @@ _LEAST_COMPLEMENT = 1e-3
 
 _IMPRECISE, _IMPRECISE_IN_SMALL = 1e-20, 1e-10
 """Relative difference of two values below which their current is imprecise; the second for at most 20,000 nodes."""
+
+_LEAST_VOLTS = 2.0**-400
+"""Voltage between the rails, in volts, below which a power of two is split off: its square would underflow."""
 
 _NO_EXPONENT = -(2**62)
 _PLAIN_EXPONENT = 2
@@ -91,12 +94,12 @@ def node_values(system: Equations, factors: Factor | None, watch: ProgressMonito
 
 def values_above(system: Equations, heights: NDArray[np.float64]) -> NodeValues:
     """Return the values of nodes whose voltages are exact; `heights` (nodes,): volts above ``system.reference``."""
-    plain, zero, volts = _in_units(system, heights)
-    value = Scaled.of(np.nan_to_num(plain))
-    return NodeValues(value._replace(noise=0.0), np.zeros(len(plain), np.bool_), zero, volts, 0.0)
+    value, zero, volts = _in_units(system, heights)
+    value = value._replace(hi=np.nan_to_num(value.hi), noise=0.0)
+    return NodeValues(value, np.zeros(len(heights), np.bool_), zero, volts, 0.0)
 
 
-def _in_units(system: Equations, heights: NDArray[np.float64]) -> tuple[NDArray[np.float64], float, float]:
+def _in_units(system: Equations, heights: NDArray[np.float64]) -> tuple[Scaled, float, float]:
     """Return voltages above the low (or only) rail in units (nodes,), the rail's voltage and the unit, both in volts.
 
     `heights` (nodes,): voltages above ``system.reference``, in volts.  Unit: voltage between the rails, else 1 or -1 V.
@@ -104,7 +107,7 @@ def _in_units(system: Equations, heights: NDArray[np.float64]) -> tuple[NDArray[
     zero, volts = system.reference, 1.0 if np.any(heights > 0.0) else -1.0
     if system.rails is not None:
         zero, volts = system.rails.low, system.rails.high - system.rails.low
-    return (heights + (system.reference - zero)) / volts, zero, volts
+    return divided(heights + (system.reference - zero), volts), zero, volts
 
 
 def _drop_and_height(
@@ -157,11 +160,11 @@ def _between(system: Equations, rails: Rails, drop: Scaled, height: Scaled | Non
     near = np.ones(len(drop.hi) + 1, dtype=np.bool_)
     near[far] = False
     span, known = rails.high - rails.low, system.known_voltages()
-    below, above = (rails.high - known) / span, (known - rails.low) / span
+    below, above = rails.high - known, known - rails.low
     with np.errstate(invalid="ignore"):
         is_drop = np.abs(below) < np.abs(above)
     np.copyto(is_drop, near[system.unknown], where=system.unknown >= 0)
-    value = rows_to_nodes(system, rows, np.where(is_drop, below, above))
+    value = rows_to_nodes(system, rows, divided(np.where(is_drop, below, above), span))
     rounding = height.noise if height is not None else drop.noise / _LEAST_COMPLEMENT
     return NodeValues(value._replace(noise=drop.noise), is_drop, rails.low, span, rounding)
 
@@ -169,7 +172,7 @@ def _between(system: Equations, rails: Rails, drop: Scaled, height: Scaled | Non
 def _above(system: Equations, rows: Scaled, volts: float) -> NodeValues:
     """Return node values in units of `volts` V above the lowest known voltage; `rows` (n,): values of the rows."""
     forest = system.forest
-    out = rows_to_nodes(system, rows, (system.known_voltages() - system.reference) / volts)
+    out = rows_to_nodes(system, rows, divided(system.known_voltages() - system.reference, volts))
     lifted = (forest.height != 0) & (system.unknown[forest.order] >= 0)
     if lifted.any():
         # Circuits with floating sources do not have two rails, and their values stay in the range of doubles.
@@ -180,9 +183,9 @@ def _above(system: Equations, rows: Scaled, volts: float) -> NodeValues:
     return NodeValues(out._replace(noise=rows.noise), is_drop, system.reference, volts, rows.noise)
 
 
-def rows_to_nodes(system: Equations, rows: Scaled, known: NDArray[np.float64]) -> Scaled:
+def rows_to_nodes(system: Equations, rows: Scaled, known: Scaled) -> Scaled:
     """Return values of all nodes (nodes,): `rows` (n,) where a node has a row, else `known` (nodes,) with 0 for NaN."""
-    solved, out = system.unknown >= 0, Scaled.of(np.nan_to_num(known))
+    solved, out = system.unknown >= 0, known._replace(hi=np.nan_to_num(known.hi))
     row = system.unknown[solved]
     for part, of_rows in zip(out[:3], rows[:3], strict=True):
         part[solved] = of_rows[row]
@@ -197,7 +200,7 @@ def read_normwise(system: Equations, x: NDArray[np.float64], **details: Any) -> 
     if not np.isfinite(x).all():
         raise CircuitError(OUT_OF_RANGE)
     heights = system.heights(x)
-    potential = _potential(system, _in_units(system, heights)[0])
+    potential = _potential(system, _in_units(system, heights)[0].plain)
     point = OperatingPoint(
         system.netlist, system.above_ground(heights), None, potential, partial(_normwise_currents, system, heights),
         system.floating, system.undriven, **details,
@@ -226,7 +229,7 @@ def read_entrywise(
     if recovered is not None:
         unknown = np.where(recovered.unchecked, -1, unknown)
         if system.rails is None or np.isfinite(recovered.entry_error):
-            lost = (recovered.volts == 0.0) & (np.abs(voltage) <= _floor_of(recovered.volts, recovered.floor))
+            lost = (recovered.volts == 0.0) & (np.abs(voltage) <= floor_of(recovered.volts, recovered.floor))
             voltage = np.where(lost & (tiny is not None), voltage, recovered.volts)
         if system.netlist.space_map is None:  # recovered currents may flow between voltages that round to equal doubles
             falling = None
@@ -267,7 +270,7 @@ def _branch_currents(
         drop_unresolved(ends, amps, exponent, frame, net, through, falling, HARMLESS)
     value = values.value
     pairs = ends[imprecise]
-    high, low = (part[pairs] * power(value.exponent[pairs]) for part in (value.hi, value.lo))
+    high, low = (unscaled(part[pairs], value.exponent[pairs]) for part in (value.hi, value.lo))
     size = netlist.conductance[imprecise] * np.abs(values.volts * (np.diff(high)[:, 0] + np.diff(low)[:, 0]))
     is_significant = size > HARMLESS * through[pairs].min(axis=1)
     residual = np.zeros(len(unknown))
@@ -280,7 +283,7 @@ def _branch_currents(
 
     np.divide(np.abs(net), through, out=residual, where=(unknown >= 0) & (through > 0))
     currents = BranchCurrents(
-        resistor_current=amps if plain else amps * power(exponent),
+        resistor_current=amps if plain else unscaled(amps, exponent),
         scaled=(amps, np.broadcast_to(np.int64(0), len(amps)) if plain else exponent),
         source_current=(
             source_currents(netlist, forest, -net_amps, through_amps) if recovered is None else recovered.source_amps
@@ -303,31 +306,24 @@ def differences(
     ends, amps = netlist.resistor_nodes, np.empty(len(netlist.conductance))
     exponent, imprecise = np.empty(len(amps), dtype=np.int64), np.zeros(len(amps), dtype=np.bool_)
     threshold = _IMPRECISE if netlist.node_count > EXACT_ROWS else _IMPRECISE_IN_SMALL
+    steps = max(-(int(np.frexp(values.volts)[1]) // BITS), 0) if abs(values.volts) < _LEAST_VOLTS else 0
+    volts = float(np.ldexp(values.volts, BITS * steps))
 
     def power_of(piece: slice) -> float:
         return currents(
-            ends[piece], netlist.conductance[piece], values.value, values.is_drop, values.volts, values.rounding,
+            ends[piece], netlist.conductance[piece], values.value, values.is_drop, volts, values.rounding,
             amps[piece], exponent[piece], threshold, imprecise[piece],
         )  # fmt: skip
 
     heat = sum(team.over(len(amps), power_of))
+    if steps:
+        exponent[amps != 0.0] -= steps
+        plain = unscaled(amps, exponent)
+        heat = float(np.sum(plain * (plain / netlist.conductance)))
     if exponent.any() and np.abs(exponent).max() <= _PLAIN_EXPONENT:
         amps *= power(exponent)
         exponent[:] = 0
     return amps, exponent, heat, np.flatnonzero(imprecise)
-
-
-def with_tiny_currents(
-    amps: NDArray[np.float64], floor: float, tiny: NDArray[np.float64], exponent: NDArray[np.int64]
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return currents ``m 2**(256 e)`` A as m and e: `amps` and 0, `tiny` and `exponent` below ``floor max|amps|``."""
-    lost = (amps == 0.0) & (np.abs(tiny * power(exponent)) <= _floor_of(amps, floor))
-    return np.where(lost, tiny, amps), np.where(lost, exponent, 0)
-
-
-def _floor_of(values: NDArray[np.float64], floor: float) -> float:
-    """Return the magnitude up to which values were set to zero: the fraction `floor` of the largest magnitude."""
-    return float(np.nanmax(np.abs(values), initial=0.0)) * floor
 
 
 def node_sums(
@@ -383,7 +379,8 @@ def _potential(system: Equations, height: NDArray[np.float64]) -> NDArray[np.flo
         injected, top = system.injected, height.max(initial=0.0, where=solved)
         if system.feed.any() or (np.any(injected < 0) and np.any(injected > 0)) or not top > 0:
             return None
-        height /= top
+        with np.errstate(over="ignore"):  # a held node apart from the rows may exceed a subnormal `top` by any factor
+            height /= top
     height[system.floating] = np.nan
     return height
 

@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid.circuit.cancellation import with_tiny_currents
 from resgrid.circuit.current_recovery import recover_currents
 from resgrid.circuit.equations import ALWAYS_RECOVERED, Equations, assemble
 from resgrid.circuit.postprocess import (
@@ -23,7 +24,6 @@ from resgrid.circuit.postprocess import (
     differences,
     node_sums,
     rows_to_nodes,
-    with_tiny_currents,
 )
 from resgrid.circuit.sources import SourceForest, source_currents, tie_sources
 from resgrid.core.netlist import GROUND, Netlist
@@ -104,7 +104,9 @@ class SourceFreeCircuit:
             still = np.zeros(count), np.zeros(count, dtype=np.int64)
             return Response(zeros, still, self._source_currents(still, amps))
         rows, error = self._solved(self.factors, self.system, amps)
-        voltage = rows_to_nodes(self.system, rows, np.zeros(self.netlist.node_count))._replace(noise=rows.noise)
+        voltage = rows_to_nodes(self.system, rows, Scaled.of(np.zeros(self.netlist.node_count)))._replace(
+            noise=rows.noise
+        )
         is_drop = np.zeros(self.netlist.node_count, dtype=np.bool_)
         values = NodeValues(voltage, is_drop, 0.0, 1.0, rows.noise)
         current, exponent, _, _ = differences(values, self.netlist, SINGLE_THREAD)

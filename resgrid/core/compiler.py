@@ -159,10 +159,10 @@ def why_undriven(space: ConfigurationSpace, wiring: Wiring) -> str | None:
         return None if reached else f"nothing is driven: no path of free cells joins the start cell {start} to a goal"
     if wiring.drive == "uniform" or wiring.leak:
         return None
-    return None if _touches_obstacle(space, edges, space.goal_connected) else FLAT
+    return None if touches_obstacle(space, edges, space.goal_connected) else FLAT
 
 
-def _touches_obstacle(space: ConfigurationSpace, edges: Sequence[str], cells: NDArray[np.bool_]) -> bool:
+def touches_obstacle(space: ConfigurationSpace, edges: Sequence[str], cells: NDArray[np.bool_]) -> bool:
     """Return whether any of the given cells touches an obstacle cell, or an edge that counts as an obstacle.
 
     `edges`: ``"obstacle"``, ``"open"`` or ``"periodic"`` per axis; `cells` (shape of the space): the given cells as a

@@ -2,24 +2,40 @@
 
 from __future__ import annotations
 
+import numpy as np
+from numpy.typing import NDArray
+
 from resgrid.core.cell import Cell
+from resgrid.core.compiler import touches_obstacle
 from resgrid.core.regions import label_regions
 from resgrid.core.space import ConfigurationSpace
+from resgrid.core.wiring import Wiring
 from resgrid.scene.nearest_place import nearest_place
 
 FAILURE_REASONS = {
     "no_path": "obstacles separate the start from every goal",
-    "no_current": "the current here is too small to give a direction: use --drive uniform",
+    "no_current": "no current leaves the last cell of the path: drive every cell (drive = 'uniform')",
     "start_blocked": "the start lies in an obstacle",
     "goal_blocked": "no free cell has a path to a goal: move the goal, or open a passage to it",
 }
 """Message for every value of `Outcome` except ``"reached"``."""
 
-FLAT = (
+_FLAT = (
     "no current flows here, because these cells are connected to a goal but to no obstacle: open the obstacles "
-    "(boundary = 'neumann', or k below 1), or let the edge count as an obstacle (edge = 'obstacle')"
+    "(boundary = 'neumann', or k below 1)"
 )
-"""Message for the outcome ``no_current`` in a circuit without a drive, whose current comes from the obstacle rail."""
+_EDGE = ", or let the edge count as an obstacle (edge = 'obstacle')"
+_EQUAL = (
+    "no current flows in cell {cell}, because the neighbours that it is joined to have the same potential, as they may "
+    "by symmetry: open the obstacles (boundary = 'neumann', or k below 1), which drives every cell"
+)
+_OFF_ROUTE = (
+    "the current from the driven start cell {start} to the goals does not pass through cell {cell}: drive every cell "
+    "(drive = 'uniform')"
+)
+_BROKEN = (
+    "no current leaves cell {cell}, because resistors of the circuit are missing: solve the circuit without faults"
+)
 
 _MORE_PROOFS = "use more cells, or a larger value of the robot's halvings"
 """Remedy in messages about undecided cells, which become fewer with more cells or more halvings of cells."""
@@ -38,6 +54,30 @@ def failure_reason(outcome: str, space: ConfigurationSpace, cell: tuple[int, ...
         remedy = getattr(space.robot, "remedy", "")
         parts += [nearest_start(space, cell), "open a passage" if outcome == "no_path" else "", remedy]
     return "; ".join(part for part in parts if part)
+
+
+def no_current_reason(
+    space: ConfigurationSpace, wiring: Wiring, cell: tuple[int, ...], flows: NDArray[np.bool_]
+) -> str:
+    """Return the reason why no current leaves the last cell of a path, and a remedy, as a message.
+
+    `wiring`: wiring of the field; `cell`: last cell of the path; `flows` (shape of the space): free cells from every
+    point of which a path follows the current.
+    """
+    if wiring.start is not None:
+        reason = _OFF_ROUTE.format(start=tuple(wiring.start), cell=cell)
+    elif wiring.is_driven or wiring.leak:
+        reason = _BROKEN.format(cell=cell)
+    else:
+        region = label_regions(space.cell == Cell.FREE, space.periodic)
+        joined, edges = region == region[cell], wiring.edges(space)
+        if touches_obstacle(space, edges, joined):
+            reason = _EQUAL.format(cell=cell)
+        else:
+            borders = (joined.take([0, -1], axis).any() for axis, rule in enumerate(edges) if rule == "open")
+            reason = _FLAT + _EDGE * any(borders)
+    place = nearest_place(flows, cell, space.axes, space.frame)
+    return f"{reason}; the nearest {_kind_of_place(space)} with a current is {place}" if place else reason
 
 
 def undecided_reason(outcome: str, space: ConfigurationSpace, cell: tuple[int, ...]) -> str | None:
@@ -62,5 +102,9 @@ def nearest_start(space: ConfigurationSpace, cell: tuple[int, ...]) -> str:
     The phrase is empty if no cell of the space is goal-connected.
     """
     place = nearest_place(space.goal_connected, cell, space.axes, space.frame)
-    kind = "place" if space.robot is None or space.robot.moves_in_workspace else "configuration"
-    return f"the nearest {kind} with a path to a goal is {place}" if place else ""
+    return f"the nearest {_kind_of_place(space)} with a path to a goal is {place}" if place else ""
+
+
+def _kind_of_place(space: ConfigurationSpace) -> str:
+    """Return the word for a point of a space in messages: a place in the workspace, or a configuration."""
+    return "place" if space.robot is None or space.robot.moves_in_workspace else "configuration"

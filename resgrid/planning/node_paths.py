@@ -23,7 +23,7 @@ from resgrid.core.cell import Cell
 from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import AccuracyError, InputError
 from resgrid.planning.clearance import clearance_of
-from resgrid.planning.failure_reasons import FLAT, failure_reason
+from resgrid.planning.failure_reasons import failure_reason, no_current_reason
 from resgrid.planning.lattice_fields import LatticeField
 from resgrid.planning.streamline import Outcome, in_world, length_of, summary
 from resgrid.planning.trace import Traces, one_start, start_cells, static_outcomes
@@ -130,8 +130,9 @@ class NodePath:
     @property
     def reason(self) -> str | None:
         """Reason why the path reaches no goal, with a remedy; None if it reaches a goal."""
-        if self.outcome is Outcome.NO_CURRENT and not self.field.wiring.is_driven:
-            return FLAT
+        if self.outcome is Outcome.NO_CURRENT:
+            cell = tuple(self.cells[-1].tolist())
+            return no_current_reason(self.space, self.field.wiring, cell, _flowing_cells(self.field))
         return failure_reason(self.outcome, self.space, tuple(self.cells[0].tolist()))
 
 
@@ -216,6 +217,14 @@ def follow_many_nodes(field: LatticeField, points: NDArray[np.float64]) -> Trace
         log_duration=np.full(len(paths), np.nan),
         steps=np.array([max(len(path.nodes) - 1, 0) for path in paths], dtype=np.int64),
     )
+
+
+def _flowing_cells(field: LatticeField) -> NDArray[np.bool_]:
+    """Return the free cells all of whose sites have a next site, shape of the space."""
+    flows = np.asarray(field.space.cell == Cell.FREE)
+    ends = np.stack(np.unravel_index(np.flatnonzero(field.next_site < 0), field.lattice.shape), axis=1)
+    flows[tuple(field.lattice.cells(ends).T)] = False
+    return flows
 
 
 def _first_site(field: LatticeField, cell: NDArray[np.int64], point: NDArray[np.float64]) -> NDArray[np.int64]:

@@ -27,6 +27,7 @@ from resgrid.core.cell import Cell
 from resgrid.core.cell_map import CellMap
 from resgrid.core.netlist import GROUND, Netlist
 from resgrid.errors import AccuracyError, InputError
+from resgrid.planning.walk_equations import factor_cut_off, to_goal_conductance
 from resgrid.solvers.progress import ProgressMonitor
 from resgrid.solvers.refinement import is_answer
 from resgrid.solvers.scaled import Scaled, power
@@ -173,7 +174,7 @@ def random_walk(circuit: Netlist | OperatingPoint | RandomWalk, *, method: str =
             "netlist of rg.compile_space"
         )
     row = np.where((space.cell == Cell.FREE) & (cells.node >= 0), system.unknown[cells.node], -1)
-    return RandomWalk(cells, factors, row, _to_goal(netlist, node_goal, system.unknown, system.size))
+    return RandomWalk(cells, factors, row, to_goal_conductance(netlist, node_goal, system.unknown, system.size))
 
 
 @frozen
@@ -195,8 +196,7 @@ class CollisionProbability:
     time, steps : ndarray of float64, shape of the space
         Expected time in units of ``R C`` and expected number of jumps until a goal or obstacle is hit, or a leak ends
         the walk (``G t = C``, ``G n = D 1`` with the diagonal ``D`` of ``G``).  0 on goals and obstacles; infinite in
-        cells that are connected to neither.  With open obstacles, cells without a path to a goal have no node and thus
-        no leak: infinite.
+        cells that are connected to neither, unless there is a leak.
     time_given_success, steps_given_success : ndarray of float64, shape of the space
         Expectations over the walks that hit a goal (``s / u`` with ``G s = C u`` or ``G s = D u``); NaN where
         ``u`` is 0.
@@ -277,14 +277,32 @@ def collision_probability(circuit: Netlist | OperatingPoint | RandomWalk) -> Col
         values = quotient * power(np.where(u.hi > 0, x.exponent - u.exponent, 0))
         return walk.per_cell(np.asarray(values, np.float64), obstacle=np.nan, goal=0.0, cut_off=np.nan)
 
+    time = walk.per_cell(walk.solve(capacitance).plain, obstacle=0.0, goal=0.0, cut_off=np.inf)
+    steps = walk.per_cell(walk.solve(degree).plain, obstacle=0.0, goal=0.0, cut_off=np.inf)
+    _fill_cut_off(walk, time, steps)
     return CollisionProbability(
         success=walk.per_cell(np.exp(log_u), obstacle=0.0, goal=1.0, cut_off=0.0),
         log_success=walk.per_cell(log_u, obstacle=-np.inf, goal=0.0, cut_off=-np.inf),
-        time=walk.per_cell(walk.solve(capacitance).plain, obstacle=0.0, goal=0.0, cut_off=np.inf),
-        steps=walk.per_cell(walk.solve(degree).plain, obstacle=0.0, goal=0.0, cut_off=np.inf),
+        time=time,
+        steps=steps,
         time_given_success=given(capacitance),
         steps_given_success=given(degree),
     )
+
+
+def _fill_cut_off(walk: RandomWalk, time: NDArray[np.float64], steps: NDArray[np.float64]) -> None:
+    """Set the expected times and numbers of jumps until a leak ends the walk in cells without a node, in place.
+
+    `time`, `steps` (shape of the space): expectations; unchanged without a leak.
+    """
+    found = factor_cut_off(walk.cells)
+    if found is None:
+        return
+    factors, row = found
+    own = RandomWalk(walk.cells, factors, row, sparse.csr_array((walk.to_goal.shape[0], factors.system.size)))
+    degree = factors.system.laplacian.diagonal
+    time[row >= 0] = own.solve(np.full(len(degree), 1.0 / walk.cells.wiring.resistance)).plain[row[row >= 0]]
+    steps[row >= 0] = own.solve(degree).plain[row[row >= 0]]
 
 
 @frozen
@@ -377,20 +395,3 @@ def hitting_probability(circuit: Netlist | OperatingPoint | RandomWalk) -> Hitti
             log_probability[goal] = walk.per_cell(logs, obstacle=-np.inf, goal=-np.inf, cut_off=-np.inf)
         log_probability[goal][space.goal_region == goal] = 0.0
     return HittingProbability(np.exp(log_probability), log_probability)
-
-
-def _to_goal(netlist: Netlist, node_goal: NDArray[np.int64], unknown: NDArray[np.int32], size: int) -> sparse.csr_array:
-    """Return the conductances (goals, rows) between goal regions and matrix rows, in siemens.
-
-    `node_goal` (nodes,): index of the goal region of every node, -1 for nodes that are not goals; `unknown` (nodes,):
-    matrix row of every node, negative for nodes with a known voltage; `size`: number of matrix rows.
-    """
-    entries: list[NDArray[np.float64]] = []
-    for here, there in ((0, 1), (1, 0)):
-        row = unknown[netlist.resistor_nodes[:, here]]
-        goal = node_goal[netlist.resistor_nodes[:, there]]
-        touches = (row >= 0) & (goal >= 0)
-        entries.append(np.stack([netlist.conductance[touches], goal[touches], row[touches]]))
-    conductance, goal, row = np.concatenate(entries, axis=1)
-    shape = (int(node_goal.max()) + 1, size)
-    return sparse.coo_array((conductance, (goal.astype(np.int64), row.astype(np.int64))), shape=shape).tocsr()

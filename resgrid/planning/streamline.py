@@ -10,9 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid._internal.values import frozen, picture_html
+from resgrid.core.cell import Cell
+from resgrid.core.regions import sides_of_cells
 from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError
-from resgrid.planning.failure_reasons import FLAT, failure_reason
+from resgrid.planning.failure_reasons import failure_reason, no_current_reason
 from resgrid.planning.fields import Field
 
 
@@ -133,12 +135,11 @@ class Streamline:
     @property
     def reason(self) -> str | None:
         """Reason why the streamline reaches no goal, with a remedy; None if it reaches a goal."""
-        if self.outcome is Outcome.NO_CURRENT and self.field.safe is not None:
-            cell = tuple(self.cells[-1].tolist())
-            if not self.field.safe[cell]:
+        if self.outcome is Outcome.NO_CURRENT:
+            cell, safe = tuple(self.cells[-1].tolist()), self.field.safe
+            if safe is not None and not safe[cell]:
                 return _UNSAFE.format(cell=cell)
-        if self.outcome is Outcome.NO_CURRENT and not self.field.wiring.is_driven:
-            return FLAT
+            return no_current_reason(self.space, self.field.wiring, cell, _flowing_cells(self.field))
         return failure_reason(self.outcome, self.space, tuple(self.cells[0].tolist()))
 
     @property
@@ -169,6 +170,16 @@ class Streamline:
         continuous = np.concatenate([cells[:1], cells[:1] + np.cumsum(step, axis=0)])
         turns = (continuous - cells) // np.array(space.shape)
         return np.asarray(self.axis_points + turns * (space.upper - space.lower))
+
+
+def _flowing_cells(field: Field) -> NDArray[np.bool_]:
+    """Return the free, direction-safe cells that a current leaves through a face, shape of the space."""
+    flows = np.zeros(field.space.shape, dtype=np.bool_)
+    for axis, direction in enumerate(field.face_direction):
+        lower, upper = sides_of_cells(direction, axis)
+        flows |= (lower < 0) | (upper > 0)
+    flows &= field.space.cell == Cell.FREE
+    return flows if field.safe is None else flows & field.safe
 
 
 @frozen

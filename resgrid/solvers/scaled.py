@@ -73,6 +73,23 @@ def canonical(m: Floats, e: Integers, *rest: Floats) -> None:
             np.ldexp(part, -BITS * steps, out=part)
 
 
+def divided(values: Floats, divisor: float) -> Scaled:
+    """Return the quotients of the doubles `values` (n,) and a divisor other than 0.
+
+    The exponents are 0 except where a quotient exceeds the range of a double, as it may with a subnormal divisor.
+    """
+    with np.errstate(over="ignore"):
+        out = Scaled.of(values / divisor)
+    large = np.isinf(out.hi) & np.isfinite(values)
+    if large.any():
+        (m, e), (unit, places) = np.frexp(values[large]), np.frexp(divisor)
+        bits = (e - places).astype(np.int64)
+        quotient, exponent = np.ldexp(m / unit, bits % BITS), bits // BITS
+        canonical(quotient, exponent)
+        out.hi[large], out.exponent[large] = quotient, exponent
+    return out
+
+
 def power(exponent: Integers) -> Floats:
     """Return ``2**(256 * exponent)``, shape (n,), for integers `exponent` (n,).
 

@@ -224,6 +224,16 @@ def test_a_cost_map_is_rejected() -> None:
                 assert (make(netlist, LAW).netlist.conductance == 1 / LAW.off_resistance).all()
 
 
+def test_none_selects_the_defaults_of_a_circuit() -> None:
+    """None selects all resistors as memristors, and the initial state of the law."""
+    implicit = rg.circuit.MemristiveCircuit(loop(1.0), LAW)
+    explicit = rg.circuit.MemristiveCircuit(loop(1.0), LAW, memristors=None, state=None)
+    for name in ("memristors", "polarity", "state"):
+        np.testing.assert_array_equal(getattr(explicit, name), getattr(implicit, name))
+    with pytest.raises(rg.InputError, match=r"memristors = 'all' must be numbers, or None"):
+        rg.circuit.MemristiveCircuit(loop(1.0), LAW, memristors="all")
+
+
 def test_floating_nodes_have_no_voltage_and_floating_sources_are_kept() -> None:
     netlist = rg.Netlist(7, [[1, 2], [3, 0], [5, 6]], [1.0] * 3, source_nodes=[[1, 0], [3, 2]], source_volts=[1.0, 0.5])
     found = run(netlist, times=[0.1, 0.2])

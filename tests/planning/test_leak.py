@@ -217,6 +217,34 @@ def test_hitting_probabilities_of_several_goals_add_up_to_the_drop() -> None:
         assert whole.success[own].max() < 1.0
 
 
+@pytest.mark.parametrize("leak", LEAKS)
+@pytest.mark.parametrize("periodic", [False, True])
+def test_a_leak_ends_walks_that_no_goal_can_end(leak: float, periodic: bool) -> None:
+    """Times and numbers of jumps in cut-off cells equal the dense solution; the time is ``1 / (leak h_ref**2)``."""
+    rng = np.random.default_rng(3)
+    cell = np.zeros((5, 7), dtype=np.uint8)
+    cell[:, 2], cell[:, 6], cell[2, 4], cell[0, 0] = OBSTACLE, OBSTACLE, OBSTACLE, GOAL
+    axes = [rg.Axis("x", 0.0, 6.0, 5, periodic=periodic), rg.Axis("y", 0.0, 7.0, 7)]
+    space = rg.ConfigurationSpace(axes, cell, rng.lognormal(size=cell.shape))
+    assert space.conductivity is not None
+    found = rg.planning.collision_probability(rg.compile_space(space, boundary="neumann", leak=leak))
+    cut_off = (cell == FREE) & ~space.goal_connected
+    place = {tuple(each): row for row, each in enumerate(np.argwhere(cut_off).tolist())}
+    matrix, h = leak * np.eye(len(place)), space.spacing
+    for (i, j), row in place.items():
+        for axis, other in ((0, ((i + 1) % 5, j)), (1, (i, j + 1))):
+            if other in place and (periodic or other[0] >= i):
+                a, b, near = space.conductivity[i, j], space.conductivity[other], place[other]
+                weight = 2 * a * b / (a + b) / h[axis] ** 2
+                matrix[[row, near], [near, row]] -= weight
+                matrix[[row, near], [row, near]] += weight
+    ones = np.ones(len(place))
+    np.testing.assert_allclose(found.time[cut_off], np.linalg.solve(matrix, ones) / h.min() ** 2, rtol=1e-6)
+    np.testing.assert_allclose(found.time[cut_off], 1.0 / (leak * h.min() ** 2), rtol=1e-12)
+    np.testing.assert_allclose(found.steps[cut_off], np.linalg.solve(matrix, np.diag(matrix)), rtol=1e-6)
+    assert np.all(found.success[cut_off] == 0.0) and np.all(np.isnan(found.time_given_success[cut_off]))
+
+
 def test_blends_need_fields_with_the_same_leak() -> None:
     space = scattered((8, 8), 0)
     one = rg.field(rg.solve(rg.compile_space(space, leak=0.1)))
