@@ -147,12 +147,17 @@ def _solve_normwise(system: Equations, run: _Run, rtol: float) -> OperatingPoint
 
     with run.timed("substitute"):
         try:
-            x = factors.solve(np.ldexp(system.drive, places), rtol=rtol, watch=run.watch) if factors else np.zeros(0)
+            x = factors.solve(_shifted(system.drive, places), rtol=rtol, watch=run.watch) if factors else np.zeros(0)
         except AccuracyError as error:
-            raise AccuracyError(str(error), read(np.ldexp(np.asarray(error.best, np.float64), -places))) from None
+            raise AccuracyError(str(error), read(_shifted(np.asarray(error.best, np.float64), -places))) from None
         del factors  # free the memory
     with run.timed("read"):
-        return read(np.ldexp(x, -places))
+        return read(_shifted(x, -places))
+
+
+def _shifted(values: NDArray[np.float64], places: int) -> NDArray[np.float64]:
+    """Return ``values * 2**places``, shape (n,); `values` itself for 0 places."""
+    return np.ldexp(values, places) if places else values
 
 
 def _substitute_and_read(system: Equations, run: _Run) -> _Solution:

@@ -94,20 +94,21 @@ def node_values(system: Equations, factors: Factor | None, watch: ProgressMonito
 
 def values_above(system: Equations, heights: NDArray[np.float64]) -> NodeValues:
     """Return the values of nodes whose voltages are exact; `heights` (nodes,): volts above ``system.reference``."""
-    value, zero, volts = _in_units(system, heights)
+    above, zero, volts = _above_low_rail(system, heights)
+    value = divided(above, volts)
     value = value._replace(hi=np.nan_to_num(value.hi), noise=0.0)
     return NodeValues(value, np.zeros(len(heights), np.bool_), zero, volts, 0.0)
 
 
-def _in_units(system: Equations, heights: NDArray[np.float64]) -> tuple[Scaled, float, float]:
-    """Return voltages above the low (or only) rail in units (nodes,), the rail's voltage and the unit, both in volts.
+def _above_low_rail(system: Equations, heights: NDArray[np.float64]) -> tuple[NDArray[np.float64], float, float]:
+    """Return voltages above the low (or only) rail (nodes,), the rail's voltage, and the unit of values, all in volts.
 
     `heights` (nodes,): voltages above ``system.reference``, in volts.  Unit: voltage between the rails, else 1 or -1 V.
     """
     zero, volts = system.reference, 1.0 if np.any(heights > 0.0) else -1.0
     if system.rails is not None:
         zero, volts = system.rails.low, system.rails.high - system.rails.low
-    return divided(heights + (system.reference - zero), volts), zero, volts
+    return heights + (system.reference - zero), zero, volts
 
 
 def _drop_and_height(
@@ -200,7 +201,9 @@ def read_normwise(system: Equations, x: NDArray[np.float64], **details: Any) -> 
     if not np.isfinite(x).all():
         raise CircuitError(OUT_OF_RANGE)
     heights = system.heights(x)
-    potential = _potential(system, _in_units(system, heights)[0].plain)
+    above, _, volts = _above_low_rail(system, heights)
+    with np.errstate(over="ignore"):  # the voltage of a held node may exceed a subnormal unit by any factor
+        potential = _potential(system, above / volts)
     point = OperatingPoint(
         system.netlist, system.above_ground(heights), None, potential, partial(_normwise_currents, system, heights),
         system.floating, system.undriven, **details,

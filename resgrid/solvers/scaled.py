@@ -80,8 +80,9 @@ def divided(values: Floats, divisor: float) -> Scaled:
     """
     with np.errstate(over="ignore"):
         out = Scaled.of(values / divisor)
-    large = np.isinf(out.hi) & np.isfinite(values)
+    large = np.isinf(out.hi)
     if large.any():
+        large &= np.isfinite(values)
         (m, e), (unit, places) = np.frexp(values[large]), np.frexp(divisor)
         bits = (e - places).astype(np.int64)
         quotient, exponent = np.ldexp(m / unit, bits % BITS), bits // BITS
