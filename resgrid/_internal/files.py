@@ -23,6 +23,9 @@ SUMMARY = "summary.json"
 MAX_TEXT_BYTES = 1 << 28
 """Maximum size of a text file, in bytes; a larger file raises InputError."""
 
+_PART = 1 << 20
+"""Number of bytes that are read at once from a pipe, whose size is unknown."""
+
 _STALE = 86_400.0
 """Age in seconds above which an unlocked temporary file is deleted as a remnant of a killed process."""
 
@@ -62,10 +65,14 @@ def read_bytes(
         if limit is not None and status.st_size > limit:
             raise InputError(f"{said}: {status.st_size} bytes are too many (at most {limit}); is it the right file?")
         with path.open("rb") as file:
-            data = file.read(first if limit is None or first >= 0 else limit + 1)
-        if limit is not None and len(data) > limit:  # a pipe, or a file that has grown
+            if limit is None or first >= 0 or stat.S_ISREG(status.st_mode):
+                return file.read(first)
+            data = bytearray()
+            while len(data) <= limit and (part := file.read(_PART)):  # `read` reserves all bytes that it may return
+                data += part
+        if len(data) > limit:
             raise InputError(f"{said}: more than {limit} bytes are too many; is it the right file?")
-        return data
+        return bytes(data)
     except InputError:
         raise
     except FileNotFoundError:
