@@ -19,6 +19,21 @@ settings.load_profile("fixed")
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark the cases of tests with the mark ``quick_cases(n)`` as slow, except `n` evenly spaced ones."""
+    cases_of: dict[str, list[pytest.Item]] = {}
+    for item in items:
+        if item.get_closest_marker("quick_cases"):
+            cases_of.setdefault(item.nodeid.split("[")[0], []).append(item)
+    for cases in cases_of.values():
+        count = cases[0].get_closest_marker("quick_cases").args[0]
+        quick = {number * len(cases) // count for number in range(count)}
+        for number, item in enumerate(cases):
+            if number not in quick:
+                item.add_marker("slow")
+
+
 @pytest.fixture(autouse=True, scope="session")
 def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Keep cached results of the tests, and of the processes that they start, apart from those of the user."""

@@ -14,6 +14,7 @@ import resgrid as rg
 
 
 @pytest.mark.parametrize("k", [0.0, 0.01, 0.5, 0.99, 1.0])
+@pytest.mark.quick_cases(2)
 def test_paths_of_problem_a_have_no_collision_for_every_k(scenes: Path, planner, k: float) -> None:
     """All connected cells reach a goal; paths of a sample of cells are tested with exact geometry."""
     scene = rg.read_scene(scenes / "problem_a.toml")

@@ -75,6 +75,7 @@ def kcl_violation(field: rg.Field, cells: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=[pytest.mark.slow] * (name == "epic/maze_1.png")) for name in MAPS]
 )
+@pytest.mark.quick_cases(6)
 def test_every_connected_cell_reaches_a_goal_by_descent(cases: Path, name: str, boundary: str) -> None:
     space = with_goal(cases / name, **MAPS[name])
     field = rg.field(rg.solve(rg.compile_space(space, boundary=boundary)))

@@ -51,6 +51,7 @@ def rebuilt_voltages(netlist: rg.Netlist, element: int, short: float | None) -> 
 
 
 @pytest.mark.parametrize("chip", [FLAWS, rg.Chip(), rg.Chip(saturation_voltage=0.4)], ids=["flaws", "plain", "tanh"])
+@pytest.mark.quick_cases(1)
 def test_lost_starts_equal_those_of_the_rebuilt_faulty_chip(chip: rg.Chip) -> None:
     netlist = rg.chip.build_chip(rg.study(walled_space(), chip).ideal, chip)
     readout = rg.chip.Readout(bits=7)

@@ -149,6 +149,7 @@ def test_a_seed_draws_the_same_mismatch_in_analyses_netlists_and_decks(wiring: s
 
 
 @pytest.mark.parametrize("wiring", WIRINGS)
+@pytest.mark.quick_cases(2)
 def test_flat_netlists_and_chips_equal_the_dense_circuit_of_the_definition(wiring: str) -> None:
     compared = touching = 0
     for number in range(100):

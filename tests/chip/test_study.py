@@ -41,6 +41,7 @@ def test_a_study_builds_its_circuit_once_and_reproducibly(made: rg.chip.Study, s
 
 
 @pytest.mark.parametrize("analysis", METHODS)
+@pytest.mark.quick_cases(4)
 def test_every_analysis_returns_figures_with_text_html_and_json(made: rg.chip.Study, analysis: str) -> None:
     result = getattr(made, analysis)(**QUICK_OPTIONS.get(analysis, {}))
     assert isinstance(

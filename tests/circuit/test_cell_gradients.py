@@ -22,6 +22,7 @@ import resgrid as rg
     ],
     ids=["open", "cells", "wall", "neumann", "low obstacles", "start"],
 )  # fmt: skip
+@pytest.mark.quick_cases(8)
 def test_derivatives_with_respect_to_conductivities_equal_differences(
     shape: tuple[int, ...], periodic: bool, options: rg.WiringOptions
 ) -> None:

@@ -56,6 +56,7 @@ def test_derivatives_of_random_circuits_equal_differences_in_mpmath(seed: int) -
 
 
 @pytest.mark.parametrize(("ratio", "digits"), [(1.0, 40), (3e2, 120), (1e30, 1100)])
+@pytest.mark.quick_cases(1)
 def test_derivatives_of_deep_drops_are_accurate_relative_to_themselves(ratio: float, digits: int) -> None:
     netlist = comb(12, ratio)
     op, node, every = rg.solve(netlist), 14, {"conductance": range(24), "voltage": [1]}

@@ -164,6 +164,7 @@ CIRCUITS: list[dict[str, Any]] = [
 
 @pytest.mark.parametrize("leak", [1e-3, 1.0, 1e70])
 @pytest.mark.parametrize("number", range(len(CIRCUITS)))
+@pytest.mark.quick_cases(6)
 def test_the_drop_is_componentwise_accurate_below_the_range_of_doubles(number: int, leak: float) -> None:
     rng = np.random.default_rng(number)
     shape = [(5, 5), (4, 3, 4), (8, 4)][number % 3]

@@ -41,6 +41,7 @@ def run(netlist: rg.Netlist, own: rg.circuit.Memristor = LAW, **options: object)
 
 @pytest.mark.parametrize("volts", [1.0, -1.0, 0.3])
 @pytest.mark.parametrize("initial", [0.0, 0.4, 1.0])
+@pytest.mark.quick_cases(4)
 def test_one_memristor_at_a_constant_voltage_has_its_closed_form(volts: float, initial: float) -> None:
     own = law(initial=initial)
     found = run(loop(volts), own)
@@ -107,6 +108,7 @@ def test_a_capacitor_discharges_through_a_memristor_as_in_closed_form() -> None:
 @pytest.mark.parametrize("waveform", [None, SINE[::4] * [0.2, 1.0]], ids=["constant", "sine"])
 @pytest.mark.parametrize("capacitors", [False, True])
 @pytest.mark.parametrize("seed", range(4))
+@pytest.mark.quick_cases(5)
 def test_random_circuits_agree_with_an_explicit_integrator(
     seed: int, capacitors: bool, waveform: np.ndarray | None
 ) -> None:
@@ -120,6 +122,7 @@ def test_random_circuits_agree_with_an_explicit_integrator(
 
 
 @pytest.mark.parametrize("seed", range(4))
+@pytest.mark.quick_cases(2)
 def test_random_circuits_with_the_joglekar_window_agree_with_an_explicit_integrator(seed: int) -> None:
     circuit, times = random_memristive(seed, capacitors=seed % 2 == 0, window="joglekar"), np.linspace(0, 0.1, 6)
     found = rg.circuit.memristive_transient(circuit, times, tolerance=1e-7)

@@ -122,6 +122,7 @@ def test_a_fast_mode_is_resolved_with_a_late_last_time(small: int, tolerance: fl
         pytest.param("backward_euler", 1e-4, marks=pytest.mark.slow),
     ],
 )
+@pytest.mark.quick_cases(4)
 def test_every_method_keeps_its_tolerance(method: str, tolerance: float) -> None:
     times = np.linspace(0, 2e-6, 21)
     found = rg.circuit.transient(one_pole(), times, method=method, tolerance=tolerance)

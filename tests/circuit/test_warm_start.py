@@ -72,6 +72,7 @@ def changed(space, rng, kind):
     seed=st.integers(0, 2**32 - 1),
     kinds=st.lists(st.sampled_from(["walls", "freed", "goals", "goal moved", "conductivity"]), min_size=1, max_size=4),
 )
+@pytest.mark.quick_cases(2)
 def test_warm_starts_after_random_changes_equal_solutions_from_scratch(wiring, seed, kinds):
     rng = np.random.default_rng(seed)
     space = random_plane((48, 61), seed % 7)

@@ -160,6 +160,7 @@ def test_path_and_info_apply_a_key_or_report_it_as_ignored(answer, call, key_sce
 
 
 @pytest.mark.parametrize(("chip", "boundary"), TWO_CHIPS)
+@pytest.mark.quick_cases(1)
 def test_all_subcommands_use_the_same_circuit(answer, call, tmp_path, chip, boundary) -> None:
     scene, deck, out = write_scene(tmp_path, chip, boundary), tmp_path / "a.cir", tmp_path / "out"
     call("compile", scene, "-o", deck)

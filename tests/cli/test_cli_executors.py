@@ -143,6 +143,7 @@ def test_invalid_executors_exit_with_2_and_a_message(
     ("name", "module", "extra"),
     [("mpi", "mpi4py", "mpi"), ("dask://localhost:1", "distributed", "dask"), ("parsl:none.py", "parsl", "parsl")],
 )
+@pytest.mark.quick_cases(1)
 def test_missing_packages_exit_with_3_and_the_install_command(name: str, module: str, extra: str) -> None:
     script = (
         f"import sys; sys.modules[{module!r}] = None\n"

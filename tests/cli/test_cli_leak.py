@@ -123,6 +123,7 @@ def test_the_live_page_keeps_the_leak(room: Path) -> None:
 
 @pytest.mark.parametrize("method", ["jacobi", "sor", "chip"])
 @pytest.mark.parametrize("options", [{}, {"boundary": "neumann"}, {"k": 0.5}])
+@pytest.mark.quick_cases(3)
 def test_a_settling_grid_ends_at_the_field_with_the_leak(method: str, options: dict[str, object]) -> None:
     cell = np.zeros((9, 8), dtype=np.uint8)
     cell[7, 6] = rg.Cell.GOAL

@@ -66,6 +66,7 @@ def test_a_goal_in_unknown_space_exits_with_2_and_a_remedy(call, map_file):
 
 
 @pytest.mark.parametrize("picture", ["space", "page", "potential", "currents", "paths"])
+@pytest.mark.quick_cases(2)
 def test_pictures_draw_unknown_cells_and_obstacles_in_different_colours(call, map_file, tmp_path, picture):
     words = () if picture == "space" else ("--goal", "12,14.5", "--start", "9.5,12.5")
     assert call("plot", map_file, *words, "--what", picture, "-o", tmp_path / "space.png").exit_code == 0

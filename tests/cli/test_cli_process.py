@@ -80,6 +80,7 @@ def test_a_closed_pipe_exits_with_141_without_a_message(scenes):
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no device that is always full")
 @pytest.mark.parametrize("unbuffered", ["", "1"])
 @pytest.mark.parametrize("options", [(), ("--json",)])
+@pytest.mark.quick_cases(2)
 def test_a_full_standard_output_exits_with_2_and_one_message(scenes, options, unbuffered):
     words = [*COMMAND, "path", str(scenes / "lesson.toml"), *options]
     env = os.environ | {"PYTHONUNBUFFERED": unbuffered}

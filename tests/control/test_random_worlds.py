@@ -44,6 +44,7 @@ QUICK = 4
 @pytest.mark.parametrize(
     "seed", [pytest.param(seed, marks=[pytest.mark.slow] * (seed >= QUICK)) for seed in range(WORLDS)]
 )
+@pytest.mark.quick_cases(2)
 def test_starts_with_a_path_arrive_and_starts_without_one_end_with_no_path(seed: int) -> None:
     """A path in the conservative map guarantees arrival; no path among partly free cells guarantees NO_PATH."""
     rng = np.random.default_rng(seed)

@@ -58,6 +58,7 @@ def test_a_run_in_free_space_follows_the_streamline() -> None:
 @pytest.mark.parametrize(
     "hidden", [[BOX], U, [rg.Ball((4.2, 3.4), 1.1)], [rg.Polygon(((3.0, 3.0), (6.0, 3.4), (4.0, 4.5)))]]
 )
+@pytest.mark.quick_cases(2)
 def test_with_learning_every_connected_start_arrives_around_a_hidden_obstacle(hidden) -> None:
     sim = hiding(hidden)
     open_to = connected(sim.plant.true_space(sim.space)) & (sim.space.cell == rg.Cell.FREE)

@@ -88,6 +88,7 @@ def joined_pads(board: rg.hardware.Board) -> dict[str, set[int]]:
 
 @pytest.mark.parametrize("kind", ["fixed", "jumpers"])
 @pytest.mark.parametrize("seed", range(4))
+@pytest.mark.quick_cases(4)
 def test_copper_joins_exactly_the_pads_of_a_net(kind: str, seed: int) -> None:
     board = rg.hardware.build_board(random_space(seed), kind=kind)
     found = joined_pads(board)

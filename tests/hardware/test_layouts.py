@@ -63,6 +63,7 @@ CASES: dict[str, tuple[rg.ConfigurationSpace, dict[str, Any]]] = {
 
 @pytest.mark.parametrize("process", process_names())
 @pytest.mark.parametrize("case", CASES)
+@pytest.mark.quick_cases(6)
 def test_the_extracted_circuit_is_the_compiled_one(process: str, case: str, tmp_path: Path) -> None:
     space, options = CASES[case]
     if options.get("drive") == "start":
@@ -90,6 +91,7 @@ def good(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, rg.hardware.La
 
 
 @pytest.mark.parametrize("mutation", MUTATIONS, ids=lambda mutation: mutation.__name__)
+@pytest.mark.quick_cases(8)
 def test_a_fault_is_detected_at_its_place(
     mutation: Mutation, good: tuple[Path, rg.hardware.Layout], tmp_path: Path
 ) -> None:

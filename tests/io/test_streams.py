@@ -68,6 +68,7 @@ def _fresh(snapshot: rg.maps.MapSnapshot, **options: Any) -> rg.planning.Planner
 
 @pytest.mark.parametrize("ros", [1, 2])
 @pytest.mark.parametrize("options", [{}, {"k": 0.7}, {"boundary": "neumann"}])
+@pytest.mark.quick_cases(3)
 def test_every_frame_equals_a_fresh_plan_cell_by_cell(tmp_path: Path, ros: int, options: dict[str, Any]) -> None:
     recording = rg.maps.read_bag(_recording(tmp_path, ros))
     planner = rg.maps.StreamPlanner(goal=GOAL, **options)

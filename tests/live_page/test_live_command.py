@@ -17,6 +17,7 @@ import resgrid as rg
 
 
 @pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.quick_cases(1)
 def test_live_prints_the_address_and_exits_with_0_at_a_signal(end):
     options = ["live", "--no-browser", "--port", "0"]
     with subprocess.Popen([*COMMAND, *options], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:

@@ -132,6 +132,7 @@ def check_outcomes(planner: rg.Planner, wanted: np.ndarray) -> None:
 @pytest.mark.parametrize("method", ["auto", "direct", "multigrid"])
 @pytest.mark.parametrize("edge", ["obstacle", "open"])
 @pytest.mark.parametrize("circuit", ["dirichlet", "wall", "neumann", "k = 0", "k = 0.5", "k = 1", "wall, k = 1"])
+@pytest.mark.quick_cases(14)
 def test_every_start_of_a_degenerate_space_has_the_outcome_of_flood_fill(circuit, edge, method) -> None:
     boundary, _, k = circuit.partition("k = ")
     boundary = boundary.strip(", ") or "dirichlet"
@@ -200,6 +201,7 @@ def test_path_and_the_live_page_have_the_outcomes_of_flood_fill(
     ("name", "circuit", "edge"),
     [(name, circuit, EDGES[(i + j) % 2]) for i, name in enumerate(SHOWN) for j, circuit in enumerate(CIRCUITS)],
 )
+@pytest.mark.quick_cases(7)
 def test_plot_and_control_have_the_outcomes_of_flood_fill(tmp_path: Path, name: str, circuit: str, edge: str) -> None:
     """The cases contain every pair of a map, a circuit and an edge."""
     drawn = drawing(MAPS[name], circuit, edge)

@@ -47,6 +47,7 @@ WIRINGS = (
 
 @pytest.mark.parametrize("read", [read_warm, read_normwise])
 @pytest.mark.parametrize("wiring", WIRINGS)
+@pytest.mark.quick_cases(3)
 def test_streamlines_certify_or_end_in_cells_that_are_not_direction_safe(read, wiring) -> None:
     for space in (meander(), room(0), room(1)):
         field = read(space, **wiring)

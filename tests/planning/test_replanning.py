@@ -124,6 +124,7 @@ def assert_plans_agree(planner: rg.planning.Planner, fresh: rg.planning.Planner)
 
 @pytest.mark.parametrize("options", CIRCUITS, ids=str)
 @pytest.mark.parametrize("make", [open_map, rooms, maze])
+@pytest.mark.quick_cases(6)
 def test_every_frame_agrees_with_a_fresh_plan(make, options) -> None:
     rng = np.random.default_rng([len(str(options)), len(make.__name__)])
     planner = rg.plan(rg.ConfigurationSpace.from_array(make(rng), spacing=(0.5, 0.4)), **options)

@@ -102,6 +102,7 @@ ALBUM: dict[str, Callable[[rg.control.Run], Any]] = {
 
 
 @pytest.mark.parametrize("name", ALBUM)
+@pytest.mark.quick_cases(10)
 def test_every_picture_has_data_labels_legible_text_and_reproducible_bytes(name: str, run: rg.control.Run) -> None:
     first, second = (figure_of(ALBUM[name](run)) for _ in range(2))
     assert render_figure(first, "png", dpi=60) == render_figure(second, "png", dpi=60)

@@ -137,6 +137,7 @@ def solid_points(points, triangles, count, rng):
 
 @pytest.mark.parametrize("most", [1, 3, 8])
 @pytest.mark.parametrize("name", SHAPES)
+@pytest.mark.quick_cases(5)
 def test_a_cover_contains_the_surface_and_the_inside_of_a_mesh(name, most):
     points, triangles = SHAPES[name]
     rng = np.random.default_rng(most)

@@ -102,6 +102,7 @@ def overlaps(robot, configurations, obstacles):
 
 @pytest.mark.parametrize("robot", [BAR, CORNER, rg.PolygonRobot(BAR.vertices[::-1])])
 @pytest.mark.parametrize("turns", [4, 12, 36])
+@pytest.mark.quick_cases(3)
 def test_coincident_edges_hide_no_collision(robot, turns):
     axes = axes_of(robot, (30, 20, turns))
     grid = np.stack(np.meshgrid(*(axis.centres for axis in axes), indexing="ij"), axis=-1)

@@ -163,6 +163,7 @@ REACHABLE = tuple(tool_poses(WRIST, "tool", np.array([[0.3, 0.4, 0.5]]))[0, :3, 
         (ToolGoal(rg.Polygon(((0, 0), (1, 0), (0, 1)))), "a ball, a box, a half-space or a point"),
     ],
 )
+@pytest.mark.quick_cases(2)
 def test_goals_without_solution_have_one_message(goal: ToolGoal, message: str) -> None:
     with pytest.raises(rg.InputError, match=message):
         tool_goal_cells(WRIST, "tool", axes_of(WRIST, 6), goal)

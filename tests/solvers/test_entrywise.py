@@ -48,6 +48,7 @@ def reference_log(system: Equations, rhs: np.ndarray) -> np.ndarray:
     ("legs", "leg", "width", "decades"),
     [(4, 60, 5, -50), (27, 120, 3, -1000), (20, 120, 2, -900), (30, 120, 1, -2000)],
 )
+@pytest.mark.quick_cases(2)
 def test_the_drop_along_a_serpentine_agrees_with_mpmath(legs: int, leg: int, width: int, decades: int) -> None:
     netlist = rg.compile_space(space_of(serpentine(legs, leg, width)))
     system = assemble(netlist)

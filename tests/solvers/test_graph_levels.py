@@ -201,6 +201,7 @@ def hubs(seed: int) -> rg.Netlist:
 
 
 @pytest.mark.parametrize("seed", range(4))
+@pytest.mark.quick_cases(2)
 def test_netlists_with_hubs_agree_with_direct(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     netlist = hubs(seed)
     direct = rg.solve(netlist, method="direct")

@@ -57,6 +57,7 @@ def test_the_estimate_for_a_long_shaft_is_linear_in_its_size() -> None:
 @pytest.mark.parametrize("accuracy", ["normwise", "direction"])
 @pytest.mark.parametrize("boundary", ["dirichlet", "neumann"])
 @pytest.mark.parametrize("shape", [(200, 220), (36, 34, 40)])
+@pytest.mark.quick_cases(3)
 def test_the_estimate_for_multigrid_bounds_the_peak(shape: tuple[int, ...], boundary: str, accuracy: str) -> None:
     netlist = rg.compile_space(boxes(shape), boundary=boundary)
     for circuit in (netlist, without_layout(netlist)):

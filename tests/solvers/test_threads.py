@@ -90,6 +90,7 @@ def cuts(monkeypatch: pytest.MonkeyPatch) -> list[int]:
 @pytest.mark.parametrize("rings", [False, True])
 @pytest.mark.parametrize("wiring", WIRINGS)
 @pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.quick_cases(8)
 def test_results_do_not_depend_on_the_number_of_threads(
     shape: tuple[int, ...], wiring: dict[str, object], rings: bool, accuracy: str, cuts: list[int]
 ) -> None:

@@ -46,6 +46,7 @@ def test_the_difference_from_ngspice_falls_with_its_tolerance(tmp_path: Path) ->
     ],
     ids=["reversal", "joglekar", "capacitors", "current source"],
 )
+@pytest.mark.quick_cases(2)
 def test_ngspice_agrees_on_windows_waveforms_and_capacitors(
     tmp_path: Path, circuit: rg.circuit.MemristiveCircuit, waveform: object
 ) -> None:
@@ -98,6 +99,7 @@ def test_a_simulation_that_fails_is_not_an_agreement(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("dialect", ["ltspice", "xyce", "hspice", "spectre"])
+@pytest.mark.quick_cases(1)
 def test_other_dialects_are_written_but_not_run(tmp_path: Path, dialect: str) -> None:
     law = rg.circuit.Memristor(1e3, 1e5, 1e6, "joglekar", 2, initial=0.2)
     for circuit in (grid(), grid(law), random_memristive(3, capacitors=True)):

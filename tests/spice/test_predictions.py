@@ -150,6 +150,7 @@ LADDER = b"* t\nV1 in 0 1\nR1 in a 1k\nR2 a 0 1k\n%s.op\n.end\n"
         (LADDER % b"r1 a 0 1k\n", "a name is given twice"),
     ],
 )
+@pytest.mark.quick_cases(4)
 def test_files_that_ngspice_does_not_run_are_predicted_to_fail(tmp_path: Path, content: bytes, reason: str) -> None:
     path = tmp_path / "deck.cir"
     path.write_bytes(content)

@@ -18,6 +18,7 @@ FEW = ("--set", "grid.cells=[16, 16]")
 
 
 @pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.quick_cases(1)
 def test_live_shows_an_arm_in_the_3d_view_and_exits_with_0_at_a_signal(end, scenes: Path) -> None:
     import_module("viser")
     options = ["live", str(scenes / "scara.toml"), *FEW, "--no-browser", "--port", "0"]
