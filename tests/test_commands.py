@@ -205,6 +205,7 @@ def slow_marked(names: Iterable[str]) -> list[Any]:
 
 
 @pytest.mark.parametrize("place", slow_marked(PAGES))
+@pytest.mark.quick_cases(6)
 def test_commands_of_a_page_run_in_order(place: str, desk: Path) -> None:
     last = max(number for number, piece in enumerate(PAGES[place]) if piece.kind != "python")
     _run_all(PAGES[place][: last + 1])
@@ -216,6 +217,7 @@ def test_commands_of_docstrings_scenes_and_the_live_page_run(desk: Path) -> None
 
 
 @pytest.mark.parametrize("subcommand", slow_marked(SUBCOMMANDS))
+@pytest.mark.quick_cases(3)
 def test_examples_of_help_run(subcommand: str, desk: Path) -> None:
     if subcommand == "check":  # decks that the examples of other commands write
         for name in ("rooms.cir", "ours.cir"):

@@ -37,6 +37,7 @@ def test_examples_cover_the_19_figures_of_1992() -> None:
     assert numbers == set(range(1, 20))
 
 
+@pytest.mark.slow
 def test_the_lesson_prints_the_expected_counts_and_potential(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -88,6 +88,7 @@ def test_the_wheel_declares_the_projects_requirements(wheel: Path) -> None:
             assert each.specifier.contains(metadata.version(each.name), prereleases=True), each
 
 
+@pytest.mark.slow
 def test_requirements_cover_all_imports() -> None:
     extras = ("bags", "dask", "geotiff", "layout", "live", "mpi", "notebook", "parsl", "robots", "viewer")
     texts = [*DECLARED["dependencies"], *(text for name in extras for text in DECLARED["optional-dependencies"][name])]
@@ -138,6 +139,7 @@ def test_the_wheel_runs_a_shipped_scene_in_an_empty_folder(program: Path, tmp_pa
     assert (again.returncode, again.stdout.splitlines()[-1]) == (0, "0"), again.stderr
 
 
+@pytest.mark.slow
 def test_python_m_resgrid_runs_the_command_line(program: Path, tmp_path: Path) -> None:
     done = run(program, tmp_path, "-m", "resgrid", "--version")
     assert (done.returncode, done.stdout.split()[-1]) == (0, DECLARED["version"])

@@ -22,6 +22,7 @@ TINY = Scale("tiny", rounds=2, limit=60.0)
 PROBLEM = Problem("rectangles", 16)
 
 
+@pytest.mark.slow
 def test_resgrid_and_a_peer_solve_the_same_equations() -> None:
     rows = compare(PROBLEM, TINY, peers=["superlu"])
     compared = {row.contender: row for row in rows if row.unit == RATIO}

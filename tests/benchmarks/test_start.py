@@ -6,6 +6,7 @@ from benchmarks import start
 from benchmarks.rows import Scale
 
 
+@pytest.mark.slow
 def test_a_first_solution_reports_time_and_method() -> None:
     seconds, method = start._python(start.FIRST.format(kind="maze", size=24, seed=3, accuracy="direction")).split()
     assert float(seconds) > 0.0

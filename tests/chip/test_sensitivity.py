@@ -35,6 +35,7 @@ def central_differences(netlist: rg.Netlist, weights: np.ndarray, step: float = 
 
 @settings(max_examples=10)
 @given(seed=st.integers(0, 10**6), drive=st.booleans())
+@pytest.mark.slow
 def test_derivatives_of_random_circuits_equal_central_differences(seed: int, drive: bool) -> None:
     netlist = random_grid(seed, side=4, drive=drive)
     weights = np.zeros(netlist.node_count)
@@ -158,6 +159,7 @@ def banded_corridor(netlist: rg.Netlist, width: int) -> tuple[np.ndarray, np.nda
     return band, to_goal
 
 
+@pytest.mark.slow
 def test_distant_resistors_do_not_flip_a_decision_with_any_method() -> None:
     """Along this corridor the currents grow by 45 orders of magnitude and the adjoint decreases by 45."""
     width = 30

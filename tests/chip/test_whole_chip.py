@@ -58,6 +58,7 @@ def test_the_transient_agrees_with_ngspice_and_ends_at_the_operating_point(
     assert np.abs(found.voltage[-1] - op.voltage).max() < 1e-9
 
 
+@pytest.mark.slow
 def test_noise_agrees_with_ngspice(netlist: rg.Netlist, tmp_path: Path) -> None:
     """The spectrum is integrated here, because the integral of ngspice is NaN if a resistor contributes zero noise."""
     band = (1e3, 100 / (2 * np.pi * rg.study(netlist).settling().fastest))

@@ -155,6 +155,7 @@ def test_gains_of_chips_without_randomness_have_zero_width_intervals() -> None:
     assert cause.gain == pytest.approx(1.0 - loss.overall.value)
 
 
+@pytest.mark.slow
 def test_yield_loss_depends_on_the_seed_and_not_on_the_executor() -> None:
     study = rg.study(walled_space(), CHIP)
     reports: list[tuple[int, int]] = []

@@ -201,6 +201,7 @@ def numbers(result: rg.chip.Yield) -> tuple[object, ...]:
     return (result.trials, result.reached.tolist(), result.served.tolist())
 
 
+@pytest.mark.slow
 def test_trials_are_independent_chips_with_the_same_results_on_every_executor(processes: Executor) -> None:
     made = rg.study(random_space(), CHIP)
     alone = made.yields(trials=40, batch=20, half_width=1e-4)

@@ -54,6 +54,7 @@ def stiff_circuits(draw: st.DrawFn) -> rg.Netlist:
 
 @settings(max_examples=150)
 @given(stiff_circuits(), st.sampled_from(["auto", "direct", "multigrid"]))
+@pytest.mark.slow
 def test_currents_over_24_orders_of_magnitude_equal_exact_fractions(netlist: rg.Netlist, method: str) -> None:
     try:
         point = rg.solve(netlist, method=method)

@@ -21,6 +21,7 @@ def test_energy_includes_the_small_current_through_a_weak_resistor(weak: float) 
 
 
 @given(common=st.floats(-1e8, 1e8), volts=st.floats(0.5, 2.0))
+@pytest.mark.slow
 def test_energy_does_not_depend_on_the_reference_of_the_voltages(common: float, volts: float) -> None:
     netlist = rg.Netlist(
         4, [[1, 2], [2, 3]], [1e-3, 1e-3], source_nodes=[[1, 0], [3, 0]], source_volts=[common + volts, common],

@@ -62,6 +62,7 @@ def test_log_drops_far_below_the_range_of_doubles_are_differentiable() -> None:
     test_util.check_grads(loss, (log_g,), order=1, modes=["rev"], eps=1e-4, rtol=1e-7)
 
 
+@pytest.mark.slow
 def test_conductivities_of_a_space_are_inputs() -> None:
     rng = np.random.default_rng(2)
     cell = np.zeros((5, 4), dtype=np.uint8)

@@ -281,6 +281,7 @@ def test_options_turn_a_leak_on_and_off() -> None:
     assert rg.Wiring(leak=2.0).opened().drive is None
 
 
+@pytest.mark.slow
 def test_ngspice_agrees_on_decks_with_leaks(tmp_path: Path) -> None:
     space = rg.build_space(rg.read_scene("examples/scenes/lesson.toml"))
     for number, (options, leak) in enumerate(product(CIRCUITS, (0.02, 5.0))):

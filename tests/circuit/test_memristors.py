@@ -54,6 +54,7 @@ def test_one_memristor_at_a_constant_voltage_has_its_closed_form(volts: float, i
     assert np.allclose(found.energy[:, 0], volts * found.charge[:, 0], rtol=1e-9, atol=1e-18)
 
 
+@pytest.mark.slow
 def test_the_switching_time_has_its_closed_form() -> None:
     half = (LAW.off_resistance**2 - (LAW.off_resistance - SPAN / 2) ** 2) / (2 * SPAN * LAW.rate)
     assert run(loop()).switching_time == pytest.approx([half], rel=1e-9)
@@ -76,6 +77,7 @@ def test_memristors_of_opposite_polarity_in_series_keep_their_resistance() -> No
     assert np.allclose(found.state.sum(axis=1), 1.0, atol=1e-10)
 
 
+@pytest.mark.slow
 def test_memristors_in_parallel_do_not_act_on_each_other() -> None:
     state = np.array([0.0, 0.2, 0.5])
     found = run(loop(count=3), state=state)
@@ -133,6 +135,7 @@ def test_random_circuits_with_the_joglekar_window_agree_with_an_explicit_integra
 
 @settings(max_examples=4)
 @given(seed=st.integers(0, 10**6), capacitors=st.booleans())
+@pytest.mark.slow
 def test_the_state_is_a_function_of_the_charge(seed: int, capacitors: bool) -> None:
     circuit = random_memristive(seed, capacitors=capacitors, window="joglekar")
     own, times = circuit.law, np.linspace(0, 0.1, 5)
@@ -148,6 +151,7 @@ def test_the_state_is_a_function_of_the_charge(seed: int, capacitors: bool) -> N
 
 @settings(max_examples=5)
 @given(seed=st.integers(0, 10**6), capacitors=st.booleans())
+@pytest.mark.slow
 def test_memristors_are_passive_and_their_loops_are_pinched(seed: int, capacitors: bool) -> None:
     circuit = random_memristive(seed, capacitors=capacitors)
     found = rg.circuit.memristive_transient(circuit, np.linspace(0, 0.3, 7), waveform=TRIANGLE * [0.2, 1.0])
@@ -167,6 +171,7 @@ def test_the_current_is_zero_where_the_voltage_is_and_a_period_restores_the_stat
     assert half[-1] > 0.31 and np.allclose(half, found.state[:49:-1, 0], atol=1e-10)
 
 
+@pytest.mark.slow
 def test_a_state_rests_at_a_limit_until_the_current_reverses() -> None:
     there_and_back = [[0.0, 1.0], [1.0, 1.0], [1.1, -1.0], [3.0, -1.0]]
     found = run(loop(), waveform=there_and_back, times=[0.9, 1.0, 1.05, 1.06, 3.0])

@@ -132,6 +132,7 @@ def test_nodes_outside_a_closed_current_loop_are_at_zero_volts(order: tuple[int,
 
 @given(space=spaces(), volts=st.sampled_from([0.02, 0.2, 2.0]), spread=st.floats(0, 0.5), seed=st.integers(0, 99))
 @settings(max_examples=25)
+@pytest.mark.slow
 def test_streamlines_with_saturating_resistors_have_the_outcomes_of_linear_ones(
     space: rg.ConfigurationSpace, volts: float, spread: float, seed: int
 ) -> None:

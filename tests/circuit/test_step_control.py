@@ -93,6 +93,7 @@ def test_a_large_final_voltage_does_not_loosen_the_tolerance(leak: float) -> Non
 
 @settings(max_examples=8)
 @given(small=st.integers(-18, -13), tolerance=st.sampled_from([1e-2, 1e-3, 1e-6]), last=st.sampled_from([1e-3, 1.0]))
+@pytest.mark.slow
 def test_a_fast_mode_is_resolved_with_a_late_last_time(small: int, tolerance: float, last: float) -> None:
     # Both nodes rise together with 1 kohm times the small capacitance; 1 nF between them holds them together.
     farads = 10.0**small

@@ -30,6 +30,7 @@ def one_pole(**changes: object) -> rg.Netlist:
 
 @settings(max_examples=15)
 @given(seed=st.integers(0, 10**6), method=st.sampled_from(["tr-bdf2", "trapezoidal"]))
+@pytest.mark.slow
 def test_random_circuits_follow_the_matrix_exponential(seed: int, method: str) -> None:
     netlist = random_dynamics(seed)
     before = np.random.default_rng(seed).uniform(-1, 1, netlist.node_count)
@@ -59,6 +60,7 @@ def test_the_error_falls_with_the_order_of_the_method(method: str, order: int) -
 
 
 @pytest.mark.parametrize("method", METHODS)
+@pytest.mark.quick_cases(1)
 def test_a_transient_ends_at_the_operating_point(method: str) -> None:
     netlist = small_scene()
     tolerance = 1e-3 if method == "backward_euler" else 1e-6

@@ -14,6 +14,7 @@ PLANES = ("square8", "hexagonal")
 
 
 @pytest.mark.parametrize("lattice", PLANES)
+@pytest.mark.quick_cases(1)
 def test_run_writes_certified_paths_and_decks_that_ngspice_confirms(answer, scenes, tmp_path, lattice):
     data = answer("run", scenes / "lesson.toml", "--lattice", lattice, "--check", "-o", tmp_path / "out")
     assert [path["outcome"] for path in data["paths"]] == ["reached"]

@@ -83,6 +83,7 @@ def test_contradictions_end_with_exit_code_2_and_a_remedy(room: Path, tmp_path: 
     assert not list(tmp_path.glob("c.cir*")) + list(tmp_path.glob("*.gds"))
 
 
+@pytest.mark.slow
 def test_a_run_with_open_obstacles_and_a_leak_has_a_logarithmic_drop(room: Path, tmp_path: Path) -> None:
     assert call("run", room, "--boundary", "neumann", "-o", tmp_path / "out").exit_code == 0
     with np.load(tmp_path / "out" / "neumann.npz") as saved:

@@ -18,6 +18,7 @@ def rows_of(text: str) -> list[dict[str, str]]:
     return list(csv.DictReader(io.StringIO(text)))
 
 
+@pytest.mark.slow
 def test_length_and_clearance_of_a_shortened_path_equal_those_of_its_points(answer, call, scenes, tmp_path):
     """The lengths are computed from the written points; the figures of the streamline are listed separately."""
     plain = answer("path", scenes / "rooms.toml", "--k", "0,1")["paths"]
@@ -51,6 +52,7 @@ def clearance_from(points, space):
     return min(shapely.distance(line, boxes).min(), line.distance(border))
 
 
+@pytest.mark.slow
 def test_length_and_clearance_of_a_timed_path_equal_those_of_its_points(answer, scenes, tmp_path):
     """At a low rate the straight lines between the samples cut corners; the figures must include this."""
     space = rg.build_space(rg.read_scene(scenes / "rooms.toml"))
@@ -167,6 +169,7 @@ def test_invalid_path_options_exit_with_2_and_a_message(call, room, words, messa
     assert message in result.stderr
 
 
+@pytest.mark.slow
 def test_plot_robot_draws_arms_and_polygons_and_rejects_points(call, scenes, tmp_path, lesson):
     for name in ("problem_two_goals", "turning"):
         assert call("plot", scenes / f"{name}.toml", "--what", "robot", "-o", tmp_path / f"{name}.png").exit_code == 0

@@ -65,6 +65,7 @@ def test_public_names_exist_and_have_docstrings_and_stubs():
         _ = resgrid.solv
 
 
+@pytest.mark.slow
 def test_a_closed_pipe_exits_with_141_without_a_message(scenes):
     # The deck is larger than the buffer of a pipe, so that writing fails at the closed end; requires buffered output.
     words = [*COMMAND, "compile", str(scenes / "rooms.toml"), "--boundary", "dirichlet"]
@@ -91,6 +92,7 @@ def test_a_full_standard_output_exits_with_2_and_one_message(scenes, options, un
 
 
 @pytest.mark.parametrize(("sent", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.quick_cases(1)
 def test_an_interrupt_leaves_no_incomplete_files(scenes, tmp_path, sent, code):
     words = [*COMMAND, "run", str(scenes / "rooms.toml"), "-o", str(tmp_path / "out"), "-v"]
     with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
@@ -104,6 +106,7 @@ def test_an_interrupt_leaves_no_incomplete_files(scenes, tmp_path, sent, code):
 
 
 @pytest.mark.parametrize("left_behind", [True, False])
+@pytest.mark.quick_cases(1)
 def test_a_second_interrupt_does_not_stop_the_cleanup(scenes, tmp_path, left_behind):
     """The finalizer that the first interrupt starts sends the second one and then needs 0.2 s."""
     program = f"""
@@ -140,6 +143,7 @@ cli.main(prog_name="resgrid")
     assert done.stderr == "resgrid: interrupted; incomplete files were removed\n"
 
 
+@pytest.mark.slow
 def test_standard_output_contains_only_json_with_the_json_option(scenes):
     words = [*COMMAND, "path", str(scenes / "lesson.toml"), "--json", "-v"]
     done = subprocess.run(words, capture_output=True, text=True, check=True)
@@ -148,6 +152,7 @@ def test_standard_output_contains_only_json_with_the_json_option(scenes):
 
 
 @pytest.mark.parametrize("colourless", [False, True])
+@pytest.mark.quick_cases(1)
 def test_errors_are_coloured_on_a_terminal_only(tmp_path, colourless):
     environment = {key: value for key, value in os.environ.items() if key != "NO_COLOR"}
     environment |= {"NO_COLOR": "1"} if colourless else {}
@@ -219,6 +224,7 @@ def test_is_first_run_is_false_with_a_cached_kernel(tmp_path: Path) -> None:
     assert done.stdout.split() == ["True", "False"]
 
 
+@pytest.mark.slow
 def test_a_small_path_loads_neither_scipy_nor_matplotlib(scenes: Path) -> None:
     script = (
         "import gc, sys\nfrom resgrid.cli import main\nbefore = gc.get_threshold()\n"

@@ -21,6 +21,7 @@ def names(folder: Path) -> set[str]:
     return {file.name for file in folder.iterdir()}
 
 
+@pytest.mark.slow
 def test_run_writes_all_results_into_one_folder(answer, lesson, tmp_path):
     folder = tmp_path / "deep" / "out"
     data = answer("run", lesson, "-o", folder)
@@ -177,6 +178,7 @@ def test_a_file_does_not_replace_a_folder_of_the_same_name(tmp_path):
 
 
 @pytest.mark.parametrize("kind", ["page", "space", "potential", "currents", "paths", "circuit"])
+@pytest.mark.quick_cases(2)
 def test_every_picture_is_drawn(call, lesson, tmp_path, kind):
     file = tmp_path / "picture.png"
     assert call("plot", lesson, "--what", kind, "-o", file).exit_code == 0

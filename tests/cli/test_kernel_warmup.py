@@ -65,6 +65,7 @@ def compiled(folder: Path) -> int:
 
 
 @pytest.mark.parametrize("case", kernel_warmup.CASES)
+@pytest.mark.quick_cases(4)
 def test_every_warmup_case_runs(case):
     kernel_warmup.CASES[case]()
 
@@ -97,6 +98,7 @@ def test_warmup_exits_with_0_and_with_another_code_after_a_failure(monkeypatch):
     assert CliRunner().invoke(command, []).exit_code != 0
 
 
+@pytest.mark.slow
 def test_compile_kernels_yields_every_case_with_two_processes(monkeypatch):
     monkeypatch.setattr(kernel_warmup, "CASES", {"many": kernel_warmup.CASES["many"]})
     assert list(kernel_warmup.compile_kernels(2)) == ["many"]

@@ -192,6 +192,7 @@ def settled_after(relaxation: Relaxation, before: rg.ConfigurationSpace, after: 
     return float(front.cells[outside[-1] + 1] * relaxation.pace)
 
 
+@pytest.mark.slow
 def test_settle_times_of_the_emulations_have_the_expected_ratios() -> None:
     """A Jacobi sweep of cells with four neighbours is an explicit Euler step of R C / 4."""
     paces = {"jacobi": 5.0, "sor": 5.0, "chip": 1.0}
@@ -215,6 +216,7 @@ def test_invalid_settle_options_and_covered_goals_raise_input_error(scenes: Path
 @given(st.integers(0, 10_000), st.sampled_from(["jacobi", "sor", "chip"]), st.floats(0.3, 30.0))
 @example(193, "jacobi", 1.0)
 @example(1183, "sor", 1.0)
+@pytest.mark.slow
 def test_a_patient_robot_arrives_without_entering_obstacles(seed, method, pace) -> None:
     rng = np.random.default_rng(seed)
     corners = rng.uniform(0.5, 6.0, (3, 2))

@@ -71,6 +71,7 @@ def test_with_learning_every_connected_start_arrives_around_a_hidden_obstacle(hi
     assert lessons
 
 
+@pytest.mark.slow
 def test_starts_inside_a_hidden_u_arrive_with_learning_and_not_by_following() -> None:
     """The starts lie inside a hidden U-shaped obstacle."""
     starts = [(x, y) for x in (3.0, 4.6) for y in (3.9, 4.9)]

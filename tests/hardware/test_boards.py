@@ -207,6 +207,7 @@ def test_spaces_that_have_no_board_are_refused_with_a_remedy() -> None:
         rg.hardware.build_board(space_of(many))
 
 
+@pytest.mark.slow
 def test_the_same_scene_gives_the_same_bytes() -> None:
     first, second = (board_files(rg.hardware.build_board(rg.read_scene("lesson"))) for _ in range(2))
     assert first == second
@@ -228,6 +229,7 @@ def test_s_expressions_quote_texts_and_not_words() -> None:
     assert number_text(0.1 + 0.2) == "0.3" and identity("a", 1) == identity("a", 1) != identity("a", 2)
 
 
+@pytest.mark.slow
 def test_the_folder_lists_parts_voltages_and_yield(tmp_path: Path) -> None:
     data = answer("board", "lesson", "--no-kicad", "-o", tmp_path / "class", "--tolerance", "5 %")
     folder = tmp_path / "class"
@@ -266,6 +268,7 @@ def test_another_board_replaces_the_files_of_the_first_and_keeps_foreign_ones(tm
     assert not list(tmp_path.glob(".class-*"))
 
 
+@pytest.mark.slow
 def test_a_missing_kicad_is_reported_with_a_remedy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("RESGRID_KICAD_CLI", str(tmp_path / "nothing"))
     result = call("board", "lesson", "-o", tmp_path / "class")
@@ -289,6 +292,7 @@ def test_a_scene_without_a_board_is_refused_and_writes_nothing(words: list[str],
     assert result.exit_code == 2 and said in result.stderr and not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_a_board_has_pictures() -> None:
     board = rg.hardware.build_board(rg.read_scene("lesson"), kind="jumpers")
     letters = [text.get_text() for text in rg.draw(board).texts]

@@ -48,6 +48,7 @@ def test_results_are_in_order_for_every_order_of_completion(
     assert heavy <= 4 * len(lengths) if remote else heavy == 0
 
 
+@pytest.mark.slow
 def test_shared_data_is_sent_only_a_few_times_to_workers_without_the_file() -> None:
     shared = {"offset": 1, "ballast": np.random.default_rng(0).bytes(100_000)}
     with Shuffled(0, remote=True) as executor:
@@ -232,6 +233,7 @@ def test_the_number_of_submitted_tasks_grows_until_all_workers_are_busy(monkeypa
     assert most >= 20
 
 
+@pytest.mark.slow
 def test_spread_gives_the_same_plans_and_paths_in_worker_processes(scenes: Path, processes: Executor) -> None:
     maps = [rg.read_scene(scenes / name) for name in ("lesson.toml", "rooms.toml")]
     planners = list(rg.spread(rg.plan, maps))

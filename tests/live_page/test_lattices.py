@@ -43,6 +43,7 @@ def test_the_page_shows_the_certified_node_paths_of_rg_plan(name: str, lattice: 
 
 
 @pytest.mark.parametrize("lattice", LATTICES)
+@pytest.mark.quick_cases(1)
 def test_a_drawing_with_a_lattice_survives_messages_and_scenes(lattice: Lattice) -> None:
     drawing = lesson(lattice)
     head, body = write_drawing(drawing)

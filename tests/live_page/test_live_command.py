@@ -28,6 +28,7 @@ def test_live_prints_the_address_and_exits_with_0_at_a_signal(end):
     assert (process.returncode, complaints) == (0, "")
 
 
+@pytest.mark.slow
 def test_an_interrupt_ends_the_server_while_a_request_is_running():
     program = (
         "import time\nfrom resgrid.live_page.session import Session\nfrom resgrid.cli import main\n"

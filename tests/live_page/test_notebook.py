@@ -40,6 +40,7 @@ def output(client: BlockingKernelClient, kind: str) -> dict[str, Any]:
             return dict(message)
 
 
+@pytest.mark.slow
 def test_rg_live_displays_a_widget_and_the_kernel_answers_requests(kernel: BlockingKernelClient):
     kernel.execute("import resgrid as rg\nrg.live()")
     opened = output(kernel, "comm_open")
@@ -62,6 +63,7 @@ def test_rg_live_displays_a_widget_and_the_kernel_answers_requests(kernel: Block
     assert head["exact"] and head["paths"][0]["outcome"] == "reached"
 
 
+@pytest.mark.slow
 def test_the_widget_module_renders_the_page_and_solves_over_a_comm(chromium: Browser):
     context = chromium.new_context(viewport={"width": 1000, "height": 700})
     page, session = context.new_page(), Session(blank(16), read_only=False)

@@ -70,6 +70,7 @@ def test_a_probed_cell_obeys_ohms_law_with_any_drive_and_sign_of_the_supply(serv
 
 @pytest.mark.parametrize("supply", [1.0, -3.3])
 @pytest.mark.parametrize(("k", "leak"), [(0.0, 0.0), (1.0, 0.0), (0.0, 0.01), (1.0, 0.01)])
+@pytest.mark.quick_cases(2)
 def test_settle_agrees_with_transient_analysis_and_ends_at_the_field(served, k, leak, supply):
     drawing = replace(blank(16), k=k, leak=leak, chip={"supply": supply})
     with dial(served) as socket:

@@ -65,6 +65,7 @@ def test_the_smallest_set_equals_that_of_sampling_all_subsets(walls: list[tuple[
 
 
 @pytest.mark.parametrize("seed", range(30))
+@pytest.mark.quick_cases(10)
 def test_sets_with_obstacles_on_goals_and_cell_borders_equal_those_of_sampling(seed: int) -> None:
     """Walls on quarters of cells cover parts of the goal's region, and the start may lie between two of them."""
     rng = np.random.default_rng(seed)

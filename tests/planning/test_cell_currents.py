@@ -18,6 +18,7 @@ WIRINGS = (
 @pytest.mark.parametrize("wiring", WIRINGS, ids=lambda wiring: wiring["boundary"])
 @settings(max_examples=40, deadline=None)
 @given(data=st.data(), shape=array_shapes(min_dims=1, max_dims=3, min_side=1, max_side=7))
+@pytest.mark.quick_cases(1)
 def test_warm_start_currents_equal_those_of_the_netlist(wiring, data, shape):
     cell = data.draw(arrays(np.uint8, shape, elements=st.sampled_from([0, 0, 0, 1, 2])))
     rings = data.draw(st.lists(st.booleans(), min_size=len(shape), max_size=len(shape)))

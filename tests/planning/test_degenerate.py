@@ -149,6 +149,7 @@ def test_every_start_of_a_degenerate_space_has_the_outcome_of_flood_fill(circuit
 
 @settings(max_examples=60, deadline=None)
 @given(data=st.data(), shape=array_shapes(min_dims=1, max_dims=3, min_side=1, max_side=4))
+@pytest.mark.slow
 def test_tiny_random_spaces_have_the_outcomes_of_a_flood_fill(data: st.DataObject, shape: tuple[int, ...]) -> None:
     cell = data.draw(arrays(np.uint8, shape, elements=st.sampled_from([0, 0, 1, 2])))
     assume((cell == GOAL).any())
@@ -240,6 +241,7 @@ def test_every_command_rejects_an_undriven_circuit_with_one_message(tmp_path: Pa
 
 
 @pytest.mark.parametrize("circuit", CIRCUITS)
+@pytest.mark.quick_cases(1)
 def test_run_reports_outcomes_without_a_circuit(tmp_path: Path, circuit: str) -> None:
     """`run` draws and reports the outcomes, and writes no deck."""
     drawn, file = drawing(MAPS["goal_walled_in"], circuit, "obstacle"), tmp_path / "tiny.toml"

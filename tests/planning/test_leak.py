@@ -37,6 +37,7 @@ def scattered(shape: tuple[int, ...], seed: int, density: float = 0.2) -> rg.Con
 
 
 @pytest.mark.parametrize("number", range(len(CIRCUITS)))
+@pytest.mark.quick_cases(2)
 def test_every_start_reaches_a_goal_and_is_certified(number: int) -> None:
     for leak, (seed, shape) in product(LEAKS, enumerate([(30, 25), (9, 8, 7)])):
         space = scattered(shape, seed + 7 * number)

@@ -36,6 +36,7 @@ def solved(space: rg.ConfigurationSpace, lattice: str, **options: Any) -> rg.pla
 
 @settings(max_examples=25, deadline=None)
 @given(st.data())
+@pytest.mark.slow
 def test_every_start_has_a_certified_path_exactly_if_its_cell_has_one(data: st.DataObject) -> None:
     lattice = data.draw(st.sampled_from(LATTICES))
     space = data.draw(lattice_spaces(lattice))

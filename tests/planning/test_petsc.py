@@ -59,6 +59,7 @@ def processes() -> str:
 @pytest.mark.parametrize(
     "number", [pytest.param(number, marks=[pytest.mark.slow] * (number not in QUICK)) for number in range(len(CASES))]
 )
+@pytest.mark.quick_cases(1)
 def test_petsc_agrees_with_the_built_in_solver_and_safe_paths_certify(number: int) -> None:
     shape, rings, options = CASES[number]
     space = scattered_space(shape, rings, number)
@@ -80,6 +81,7 @@ def test_petsc_agrees_with_the_built_in_solver_and_safe_paths_certify(number: in
         assert (path.reason is None) == (path.outcome is rg.Outcome.REACHED)
 
 
+@pytest.mark.slow
 def test_direction_safe_cells_obey_kirchhoffs_current_law() -> None:
     space = scattered_space((40, 30), (0,), 7)
     field = rg.plan(space, method="petsc", boundary="dirichlet", ranks=2).field
@@ -176,6 +178,7 @@ def test_a_launcher_with_ranks_or_another_method_raises_input_error() -> None:
         rg.plan(space, launcher="mpiexec -n 2")
 
 
+@pytest.mark.slow
 def test_a_broken_launcher_and_one_without_effect_are_reported(tmp_path: Path) -> None:
     space = scattered_space((5, 5), (), 0)
     launcher = tmp_path / "launcher"
@@ -239,6 +242,7 @@ def test_an_option_that_petsc_rejects_is_named(
     assert f"PETSc refuses an option of PETSC_OPTIONS: {said}" in result.stderr
 
 
+@pytest.mark.slow
 def test_excess_ranks_and_unused_petsc_options_cause_warnings(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("os.cpu_count", lambda: 1)
     monkeypatch.setenv("PETSC_OPTIONS", "-pc_typ gamg")
@@ -281,6 +285,7 @@ def test_rg_solve_with_petsc_names_rg_plan_instead() -> None:
         rg.solve(netlist, method="petsc")
 
 
+@pytest.mark.slow
 def test_a_killed_rank_is_reported_and_ends_the_other_ranks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     dying = "import os, signal, sys, time\n"
     dying += "os.environ['OMPI_COMM_WORLD_RANK'] == '1' and os.kill(os.getpid(), signal.SIGKILL)\ntime.sleep(600)\n"

@@ -114,6 +114,7 @@ def test_a_picture_contains_the_robot_at_the_positions_of_its_tool(scene: rg.Sce
     assert np.isfinite(layer.depth[int(row), int(column)])
 
 
+@pytest.mark.slow
 def test_scene_path_and_tool_are_drawn_for_arms_in_space(scene: rg.Scene, planner: rg.planning.Planner) -> None:
     path = planner.path(scene.starts[0])
     assert path.outcome is rg.Outcome.REACHED
@@ -139,6 +140,7 @@ def test_scene_path_and_tool_are_drawn_for_arms_in_space(scene: rg.Scene, planne
         rg.plot.draw_robot(path, scene, ghosts=0)
 
 
+@pytest.mark.slow
 def test_goals_are_drawn_as_regions_or_marked_at_their_place(scene: rg.Scene) -> None:
     centre = (-0.6, 0.4, 0.3)
     for goal in (rg.GoalPose(centre, radius=0.1), rg.Ball(centre, 0.1)):

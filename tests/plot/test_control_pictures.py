@@ -98,6 +98,7 @@ def test_a_long_run_with_many_lessons_is_shown_to_its_end(run: rg.control.Run) -
     assert set(range(0, 90, 3)) <= set(shown.tolist())  # the earliest lessons
 
 
+@pytest.mark.slow
 def test_an_animation_of_a_run_contains_its_first_and_last_frame(run: rg.control.Run, tmp_path) -> None:
     assert {0, len(run.time) - 1} <= set(frame_rows(run, 6).tolist())
     drawn: list[int] = []

@@ -49,6 +49,7 @@ def test_invalid_formats_folders_and_resolutions_raise_input_error(field, tmp_pa
             render_figure(axes.figure, "png", dpi=dpi)
 
 
+@pytest.mark.slow
 def test_computations_import_no_matplotlib_and_pictures_no_pyplot() -> None:
     code = (
         "import sys, resgrid.planning.trace, resgrid.planning.blend, resgrid.circuit.solve, resgrid.core.compiler\n"

@@ -68,6 +68,7 @@ def test_bound_of_a_single_configuration_is_the_distance(seed: int) -> None:
                 assert found.is_open[pair] == (factor > 1)
 
 
+@pytest.mark.slow
 def test_bound_of_one_joint_is_nearly_the_smallest_distance_of_its_motion() -> None:
     rng = np.random.default_rng(3)
     for _ in range(50):

@@ -223,6 +223,7 @@ def test_number_of_cells_that_is_not_a_power_of_two() -> None:
         check(tree, axes, proof)
 
 
+@pytest.mark.slow
 def test_result_does_not_depend_on_the_executor(processes: Executor) -> None:
     tree = planar_arm(trees.box("post", -1, (0.3, 0.3, 1), (1.2, 0.6, 0)), links=2)
     axes = axes_of(tree, 20)

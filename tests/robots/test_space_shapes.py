@@ -95,6 +95,7 @@ def test_blocked_cells_are_those_within_the_radius(kind: str) -> None:
 @given(
     st.sampled_from(["cylinder", "capsule", "box", "ring"]), st.integers(0, 10**6), st.sampled_from([0.0, 0.1, 0.35])
 )
+@pytest.mark.slow
 def test_no_point_of_a_free_cell_is_within_the_radius(kind: str, seed: int, radius: float) -> None:
     random = np.random.default_rng(seed)
     shape = a_shape(kind, random)

@@ -137,6 +137,7 @@ def test_frames_of_random_robots_agree_with_pin(pin, tmp_path, seed):
         assert check_frames(pin, file, rng)
 
 
+@pytest.mark.slow
 def test_frames_of_all_robots_of_example_robot_data_agree_with_pin(pin, data, tmp_path):
     rng = np.random.default_rng(2)
     unusable = {}

@@ -309,6 +309,7 @@ def test_passages_that_are_too_narrow_for_the_cells_name_a_finer_division(tmp_pa
 
 
 @pytest.mark.parametrize("command", ["info", "path", "run", "plot", "compile", "solve", "control", "check"])
+@pytest.mark.quick_cases(2)
 def test_every_subcommand_prepares_the_map(tmp_path, command):
     grey = np.full((20, 30), UNKNOWN)
     grey[4:-4, 4:-4] = FREE
