@@ -141,9 +141,7 @@ class ArmPlan:
 
     def set_goal(self, goal: NDArray[np.float64]) -> None:
         """Solve again with one goal configuration (ndim,) in place of all goals, without computing free cells again."""
-        self.goal, self.is_solved = goal, False
         self.planner = plan(with_goal(self.planner.space, goal), self.wiring, k=self.k)
-        self.is_solved = True
 
     def motion(self) -> Motion:
         """Return the shortened path from the start as a motion, with times if the joints have velocity limits.
@@ -249,10 +247,12 @@ def answer(task: Task, goal: NDArray[np.float64] | None) -> Motion:
     After an error of resgrid, the motion stays at the start and contains the message of the error.  A goal that caused
     an error is tried again, and does not fall back to the goal before.
     """
-    goal = task.goal if goal is None and not task.is_solved else goal
+    if goal is not None:
+        task.goal, task.is_solved = goal, False
     try:
-        if goal is not None:
-            task.set_goal(goal)
+        if task.goal is not None and not task.is_solved:
+            task.set_goal(task.goal)
+            task.is_solved = True
         return task.motion()
     except ResgridError as error:
         return task.resting(f"**no path**  \n{error}")

@@ -116,9 +116,7 @@ class PointPlan:
 
     def set_goal(self, goal: NDArray[np.float64]) -> None:
         """Solve again for a single goal (3,); raise InputError if the goal lies in an obstacle."""
-        self.goal, self.is_solved = goal, False
         self.planner = plan(with_goal(self.space, goal), self.wiring, k=self.k)
-        self.is_solved = True
 
     def motion(self) -> Motion:
         """Return the path from the start as a motion at constant speed, without times in seconds.
