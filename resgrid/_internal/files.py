@@ -49,9 +49,8 @@ def read_bytes(
 ) -> bytes:
     """Return the bytes of a file; raise InputError if the file cannot be read or is too large.
 
-    `path`: path of the file; `limit`: maximum size in bytes, None for no limit; `name`: name of
-    the file in messages, by default the path; `first`: number of bytes to read, -1 for all; `piped`: whether a pipe is
-    accepted.
+    `path`: path of the file; `limit`: maximum size in bytes, None for no limit; `name`: name of the file in messages,
+    by default the path; `first`: number of bytes to read, -1 for all; `piped`: whether a pipe is accepted.
     """
     said = str(path) if name is None else name
     try:

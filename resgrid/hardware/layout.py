@@ -198,7 +198,7 @@ def build_layout(
     width : float, optional
         Width of the resistors, in metres; by default the smallest one that the process and `matching` permit.
     matching : float, optional
-        Wanted standard deviation of a resistance, relative to its mean, such as 0.01; determines the width, for the
+        Required standard deviation of a resistance, relative to its mean, such as 0.01; determines the width, for the
         smallest resistance.  Not together with `width`.
     labels : bool, optional
         Whether every node gets a label; by default on grids of at most 20,000 cells.

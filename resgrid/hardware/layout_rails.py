@@ -133,8 +133,8 @@ def plan_rails(
     largest = max((abs(amps[net]) for net in array.nets), default=0.0)
     wire = wire_width(rules, metals[:3], largest, tile.link)
     span = (rows[1] - rows[0] + 1) * tile.py
-    wanted = max(wire, min(rules.even(largest * third.sheet * span / (DROP * supply)), WIDEST))
-    trunks = _fitting_trunks(rules, array, tile, wanted)
+    widest = max(wire, min(rules.even(largest * third.sheet * span / (DROP * supply)), WIDEST))
+    trunks = _fitting_trunks(rules, array, tile, widest)
     wire = max(wire, trunks[0].width if trunks else 0)
     has_ring = bool(array.obstacle.any())
     ring = wire_width(rules, (second,), abs(amps.get("obstacle", 0.0)) / 2, RING) if has_ring else 0
@@ -158,13 +158,13 @@ def plan_rails(
     return RailPlan(trunks, tuple(pads), wire, ring, sides, bottom, tracks, bend, pad_top, striped)
 
 
-def _fitting_trunks(rules: LayoutRules, array: TileArray, tile: TileGeometry, wanted: int) -> tuple[Trunk, ...]:
+def _fitting_trunks(rules: LayoutRules, array: TileArray, tile: TileGeometry, widest: int) -> tuple[Trunk, ...]:
     """Return the trunks of all nets, of one width that leaves a free track (x of a vertical wire) for each of them.
 
-    The width is halved until the trunks fit, at most down to the width of links between goal cells. `wanted`: upper
+    The width is halved until the trunks fit, at most down to the width of links between goal cells. `widest`: upper
     limit of the width, in nanometres. Raises InputError if not even the smallest width fits.
     """
-    width = min(wanted, rules.even(tile.px - tile.link - 2 * rules.metals[2].space - 2 * rules.grid))
+    width = min(widest, rules.even(tile.px - tile.link - 2 * rules.metals[2].space - 2 * rules.grid))
     while width > tile.link:
         try:
             return _trunks(rules, array, tile, width)

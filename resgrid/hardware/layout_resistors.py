@@ -88,10 +88,11 @@ def contact_column(rules: LayoutRules, height: int) -> list[int]:
 def body_width(rules: LayoutRules, resistances: Sequence[float], width: float | None, matching: float | None) -> int:
     """Return the width of all resistors in nanometres, an even multiple of the manufacturing grid.
 
-    `resistances`: values in ohms; `width`: wanted width in metres, rounded up, None for the smallest width that the
-    rules and `matching` permit; `matching`: wanted standard deviation of the smallest resistance, relative to its mean,
-    None for no limit. The deviation is ``coefficient / sqrt(width * length)`` with the coefficient `Resistor.pelgrom`
-    (Pelgrom et al. 1989). Raises InputError for values that cannot be drawn, and for `width` together with `matching`.
+    `resistances`: values in ohms; `width`: requested width in metres, rounded up, None for the smallest width that the
+    rules and `matching` permit; `matching`: required standard deviation of the smallest resistance, relative to its
+    mean, None for no limit. The deviation is ``coefficient / sqrt(width * length)`` with the coefficient
+    `Resistor.pelgrom` (Pelgrom et al. 1989). Raises InputError for values that cannot be drawn, and for `width`
+    together with `matching`.
     """
     least = rules.even(rules.width)
     if width is not None and matching is not None:
@@ -151,7 +152,7 @@ def serpentine(rules: LayoutRules, head: Head, width: int, resistance: float, ro
 
     One row is too short below the smallest length of a body in the process. Several rows are too short if the turns on
     the left and on the right would lie closer together than the spacing rule permits.
-    `width`: width of the body in nanometres; `resistance`: wanted resistance in ohms; `rows`: odd number of rows.
+    `width`: width of the body in nanometres; `resistance`: required resistance in ohms; `rows`: odd number of rows.
     """
     corners = 2 * (rows - 1)
     length = round(rules.length(resistance, width, corners) / rules.grid) * rules.grid
