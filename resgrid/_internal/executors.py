@@ -9,8 +9,9 @@ import runpy
 import signal
 import sys
 import threading
+import weakref
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, wait as wait_for
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
@@ -26,7 +27,7 @@ DASK_SECONDS = 10.0
 """Maximum waiting time for the answer of a dask scheduler, in seconds."""
 
 _POLL_INTERVAL = 0.2
-"""Time in seconds between two checks of the workers while a process pool shuts down."""
+"""Time in seconds between two checks of the workers while a process pool or a dask executor shuts down."""
 
 
 @contextmanager
@@ -175,10 +176,12 @@ class DaskExecutor(Executor):
 
     def __init__(self, client: Any) -> None:
         self._client, self._executor = client, client.get_executor(pure=False)
+        self._submitted = weakref.WeakSet[Future[Any]]()
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         """Send the call ``fn(*args, **kwargs)`` to a worker, and return the future of its result."""
         future: Future[Any] = self._executor.submit(fn, *args, **kwargs)
+        self._submitted.add(future)
         return future
 
     def has_workers(self) -> bool:
@@ -189,8 +192,15 @@ class DaskExecutor(Executor):
             return True
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Wait for the submitted calls; if `wait` is False or `cancel_futures` is True, cancel them instead."""
-        self._executor.shutdown(wait=wait and not cancel_futures)
+        """Wait for the submitted calls while workers are connected, and cancel the others.
+
+        If `wait` is False or `cancel_futures` is True, all calls are cancelled at once.
+        """
+        # The executor of dask would wait forever for calls that no worker runs.
+        while wait and not cancel_futures and self.has_workers():
+            if not wait_for(list(self._submitted), _POLL_INTERVAL).not_done:
+                break
+        self._executor.shutdown(wait=False)
 
 
 @contextmanager

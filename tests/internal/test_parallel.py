@@ -10,7 +10,7 @@ import queue
 import signal
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
@@ -84,24 +84,40 @@ def test_items_that_kill_every_worker_raise_worker_error_with_their_range(
     assert first <= 7 <= last
 
 
-def test_a_dask_scheduler_that_loses_all_workers_raises_worker_error(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture
+def cluster() -> Iterator[LocalCluster]:
+    """A dask scheduler with one worker, both threads of this process."""
+    with LocalCluster(
+        n_workers=1,
+        processes=False,
+        protocol="tcp://",
+        dashboard_address=None,
+        scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
+    ) as started:
+        yield started
+
+
+def test_a_dask_scheduler_that_loses_all_workers_raises_worker_error(
+    cluster: LocalCluster, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("resgrid._internal.parallel._SECONDS_BETWEEN_COUNTS", 0.05)
     monkeypatch.setattr("resgrid._internal.parallel._SECONDS_WITHOUT_WORKERS", 0.5)
-    with (
-        LocalCluster(
-            n_workers=1,
-            processes=False,
-            protocol="tcp://",
-            dashboard_address=None,
-            scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
-        ) as cluster,
-        rg.open_executor(cluster.scheduler_address.replace("tcp", "dask")) as executor,
-    ):
+    with rg.open_executor(cluster.scheduler_address.replace("tcp", "dask")) as executor:
         results = in_order([JobPart(slow_sums, {"offset": 0}, range(10_000))], executor)
         assert next(results) == 0
         cluster.scale(0)
         with pytest.raises(rg.WorkerError, match=r"all workers of the dask scheduler have gone.* in 0\.5 s"):
             list(results)
+
+
+def test_a_dask_executor_without_workers_shuts_down_with_unfinished_calls(cluster: LocalCluster) -> None:
+    with rg.open_executor(cluster.scheduler_address.replace("tcp", "dask")) as executor:
+        assert executor.submit(sums, {"offset": 0}, [1]).result() == [1]
+        cluster.scale(0)
+        while cluster.scheduler.workers:
+            time.sleep(0.01)
+        unfinished = executor.submit(sums, {"offset": 0}, [2])
+    assert not unfinished.done() or unfinished.cancelled()
 
 
 def test_a_task_that_fails_inside_dask_is_sent_again() -> None:
