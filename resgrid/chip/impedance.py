@@ -26,7 +26,8 @@ from resgrid.solvers.selected_inverse import (
     positive_inverse_diagonal,
     symmetric_factors,
 )
-from resgrid.solvers.supernodal import SupernodalFactors, factor_supernodes
+from resgrid.solvers.supernodal import factor_supernodes
+from resgrid.solvers.supernodal_factors import SupernodalFactors
 
 _WEAK = 1e-3
 """Limit on the ties of a connected set of rows to the rails, relative to the largest conductance in the set.

@@ -25,7 +25,8 @@ from resgrid.circuit.dynamics import Dynamics, dynamics_of, require_grounded
 from resgrid.core.netlist import Netlist
 from resgrid.errors import InputError
 from resgrid.solvers.selected_inverse import positive_inverse_diagonal, random_signs
-from resgrid.solvers.supernodal import SupernodalFactors, factor_supernodes
+from resgrid.solvers.supernodal import factor_supernodes
+from resgrid.solvers.supernodal_factors import SupernodalFactors
 
 BOLTZMANN = 1.380649e-23
 """Boltzmann constant, in J/K (exact)."""

@@ -25,7 +25,7 @@ from resgrid.errors import BudgetError
 from resgrid.solvers.conservative_factors import columns_of
 from resgrid.solvers.factors import DirectFactor
 from resgrid.solvers.method_choice import factor_laplacian
-from resgrid.solvers.supernodal import SupernodalFactors
+from resgrid.solvers.supernodal_factors import SupernodalFactors
 
 _FEW_ENTRIES, _MOST_ENTRIES = 10_000, 2_000_000
 """Maximum numbers of entries of the factors for a solution in integers.

@@ -279,6 +279,8 @@ def _check_accuracy(solution: _Solution) -> None:
 
 def _is_driven_where_floating(system: Equations) -> bool:
     """Return whether current sources or voltage sources touch floating nodes."""
+    if not len(system.floating):
+        return False
     netlist, forest = system.netlist, system.forest
     ends = forest.order[forest.height != 0], netlist.current_nodes[netlist.current_amps != 0].ravel()
     return bool(np.isin(np.concatenate(ends), system.floating).any())

@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from resgrid.solvers.supernodal import SupernodalFactors
+from resgrid.solvers.supernodal_factors import SupernodalFactors
 
 _MANTISSA = 53
 

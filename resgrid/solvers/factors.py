@@ -29,7 +29,7 @@ from resgrid.solvers.threads import SINGLE_THREAD, ThreadTeam
 
 if TYPE_CHECKING:
     from resgrid.solvers.multigrid.hierarchy import Hierarchy
-    from resgrid.solvers.supernodal import SupernodalFactors
+    from resgrid.solvers.supernodal_factors import SupernodalFactors
     from resgrid.solvers.symbolic import Symbolic
 
 EXACT_ROWS = 20_000

@@ -21,7 +21,7 @@ from resgrid.errors import AccuracyError
 from resgrid.solvers.scaled import Floats, Indices, Integers
 
 if TYPE_CHECKING:
-    from resgrid.solvers.supernodal import SupernodalFactors
+    from resgrid.solvers.supernodal_factors import SupernodalFactors
 
 _PANEL, _RELAXED = 3, 1
 """SuperLU's parameters: columns that it processes together, and columns of a subtree that it merges into a supernode.

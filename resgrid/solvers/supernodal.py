@@ -1,7 +1,7 @@
-"""Subtraction-free supernodal factors ``P A P^T = L D L^T`` of an M-matrix (GTH).
+"""Subtraction-free supernodal factorization ``P A P^T = L D L^T`` of an M-matrix (GTH).
 
 Every entry is accurate to a few rounding errors, whatever the conductances (Grassmann, Taksar & Heyman 1985; O'Cinneide
-1993). Substitution is done in numbers with separate exponents (`resgrid.solvers.scaled_kernels`).
+1993). `resgrid.solvers.supernodal_factors` solves equations with the factors, by substitution.
 
 The import of numba takes seconds: only functions that are about to solve import this module.
 """
@@ -15,51 +15,13 @@ import numpy as np
 
 from resgrid._internal.jit import ZERO, inlined, inner_fast, kernel
 from resgrid.errors import AccuracyError
-from resgrid.solvers.laplacian import Graph, Laplacian
-from resgrid.solvers.scaled import Floats, Indices, Integers, Numbers, unscaled
-from resgrid.solvers.scaled_kernels import NO_EXPONENT, _add_product, _canonical, _shift
+from resgrid.solvers.laplacian import Laplacian
+from resgrid.solvers.scaled import Floats, Indices
+from resgrid.solvers.supernodal_factors import SupernodalFactors
 from resgrid.solvers.symbolic import Supernodes, Symbolic, order_rows
 
 _STRETCH = 2_000
 """Number of supernodes that one call of the factorization kernel eliminates; Ctrl-C is handled between two calls."""
-
-_LEAST, _MOST = 2.0**-300, 2.0**700
-"""Smallest and largest magnitude of a sum of doubles in which no term overflows or underflows significantly.
-
-Beyond these limits substitution is repeated with one exponent per number.
-"""
-
-
-class SupernodalFactors(NamedTuple):
-    """Factors ``L D L^T`` of a matrix with ``n`` rows, and their elimination order.
-
-    `symbolic`: elimination order and sparsity pattern; `matrix`: the factored matrix, in siemens; `values` (entries,):
-    entries of ``-L``, supernode by supernode and column by column. An entry below the diagonal is the fraction of a
-    current into its column that elimination passes on to its row; entries above the diagonal are 0. `pivot` (n,):
-    diagonal of ``D``, in siemens, in elimination order; `largest`: largest diagonal entry of the matrix, in siemens.
-    """
-
-    symbolic: Symbolic
-    matrix: Graph
-    values: Floats
-    pivot: Floats
-    largest: float
-
-    def substitute(self, m: Floats, e: Integers) -> Numbers:
-        """Return the solution of ``A x = b``, by forward and back substitution, in numbers with separate exponents.
-
-        `m, e` (n,): mantissas and exponents of ``b = m * 2**(256 e)``, which are not modified. Returns mantissas and
-        exponents of ``x``, (n,) each.
-        """
-        by = self.symbolic
-        x, exponent, column = m.take(by.order), e.take(by.order), np.empty(by.lengths.max(initial=0))
-        substitute(self, x, exponent, column)
-        return x.take(by.place), exponent.take(by.place)
-
-    def solve(self, rhs: Floats) -> Floats:
-        """Return ``x`` (n,), in volts, of ``A x = rhs``; every entry is accurate if ``rhs`` (n,) is nonnegative."""
-        m, e = self.substitute(rhs, np.zeros(len(rhs), dtype=np.int64))
-        return unscaled(m, e)
 
 
 def factor_supernodes(laplacian: Laplacian, symbolic: Symbolic | None = None) -> SupernodalFactors:
@@ -141,9 +103,9 @@ def eliminate(factors: SupernodalFactors, work: Workspace, begin: int, end: int)
 @inlined
 def _wait(nodes: Supernodes, work: Workspace, node: int) -> None:
     """Append supernode ``node`` to the linked list of the supernode that contains the next row it updates."""
-    after = work.after[node]
-    if after < nodes.start[node + 1]:
-        target = work.node_of[nodes.rows[after]]
+    after, end = work.after[node], nodes.start[node + 1]
+    target = work.node_of[nodes.rows[min(after, end - 1)]]
+    if after < end:
         work.following[node] = work.waiting[target]
         work.waiting[target] = node
 
@@ -279,120 +241,3 @@ def _add_columns(
         for each in range(count):
             target[t + np.uint64(each)] += w * values[s + np.uint64(each)]
         k += 1
-
-
-@kernel
-def substitute(factors: SupernodalFactors, m: Floats, e: Integers, column: Floats) -> None:
-    """Solve ``A x = b`` in place, in numbers with separate exponents, ``m * 2**(256 e)``.
-
-    Rows that odd-even reduction has eliminated are reduced first and restored last; ``L D L^T x = b`` is solved for the
-    others in between. Within a supernode all numbers have a common exponent, the largest one. If a number then falls
-    below the range of safe doubles, the supernode is repeated with one exponent per number.
-
-    `m, e` (n,): mantissas and exponents of ``b``, then of ``x``, in elimination order; `column` (rows of the longest
-    supernode,): work array.
-    """
-    (order, place, nodes), (indptr, indices, edges, _), values, pivot, _ = factors
-    n, kept = len(order), nodes.first[-1]
-    for k in range(n):
-        m[k], e[k] = _canonical(m[k], e[k])
-    for k in range(kept, n):
-        for entry in range(indptr[order[k]], indptr[order[k] + 1]):
-            _add_fraction(m, e, place[indices[entry]], edges[entry] / pivot[k], k)
-    for node in range(len(nodes.first) - 1):
-        _forward(nodes, values, m, e, column, node)
-    for k in range(n):
-        m[k], e[k] = _canonical(m[k] / pivot[k], e[k])
-    for node in range(len(nodes.first) - 2, -1, -1):
-        _backward(nodes, values, m, e, column, node)
-    for k in range(kept, n):
-        for entry in range(indptr[order[k]], indptr[order[k] + 1]):
-            _add_fraction(m, e, k, edges[entry] / pivot[k], place[indices[entry]])
-
-
-@inlined
-def _add_fraction(m: Floats, e: Integers, to: int, fraction: float, of: int) -> None:
-    """Add ``fraction`` times number ``of`` to number ``to``, in place; numbers are ``m[k] * 2**(256 e[k])``."""
-    value, scale = _add_product(m[to], e[to], fraction, m[of], e[of])
-    m[to], e[to] = _canonical(value, scale)
-
-
-@inlined
-def _forward(nodes: Supernodes, values: Floats, m: Floats, e: Integers, column: Floats, node: int) -> None:
-    """Forward substitution in supernode ``node``: distribute the currents into its columns over its rows, in place.
-
-    `nodes`: supernodes of ``L``; `values`: entries of ``-L``; `m, e` (n,): mantissas and exponents of currents;
-    `column`: work array.
-    """
-    begin, base, first = nodes.start[node], nodes.offset[node], nodes.first[node]
-    length, columns = nodes.start[node + 1] - begin, nodes.first[node + 1] - first
-    first_nonzero = 0
-    while first_nonzero < columns and m[first + first_nonzero] == 0.0:
-        first_nonzero += 1
-    if first_nonzero == columns:
-        return
-    common = _align(nodes.rows, begin, first_nonzero, length, m, e, column)
-    for c in range(first_nonzero, columns):
-        below = base + c * length + c + 1
-        _add_columns(column, c + 1, values, below, length, column[c:], 1, length - c - 1)
-    plain = True
-    for r in range(first_nonzero, length):
-        plain = plain and abs(column[r]) >= _LEAST
-    if plain:
-        for r in range(first_nonzero, length):
-            row = nodes.rows[begin + r]
-            m[row], e[row] = _canonical(column[r], common)
-        return
-    for c in range(first_nonzero, columns):
-        for r in range(c + 1, length):
-            _add_fraction(m, e, nodes.rows[begin + r], values[base + c * length + r], first + c)
-
-
-@inlined
-def _backward(nodes: Supernodes, values: Floats, m: Floats, e: Integers, column: Floats, node: int) -> None:
-    """Back substitution in supernode ``node``: compute the values of its columns from those of later rows, in place.
-
-    `nodes`: supernodes of ``L``; `values`: entries of ``-L``; `m, e` (n,): mantissas and exponents of the solution;
-    `column`: work array.
-    """
-    begin, base, first = nodes.start[node], nodes.offset[node], nodes.first[node]
-    length, columns = nodes.start[node + 1] - begin, nodes.first[node + 1] - first
-    common = _align(nodes.rows, begin, ZERO, length, m, e, column)
-    plain = True
-    for c in range(columns - 1, -1, -1):
-        column[c] += _product(column, values, base + c * length, c + 1, length)
-        plain = plain and _LEAST <= abs(column[c]) <= _MOST
-    if plain:
-        for c in range(columns):
-            m[first + c], e[first + c] = _canonical(column[c], common)
-        return
-    for c in range(columns - 1, -1, -1):
-        for r in range(c + 1, length):
-            _add_fraction(m, e, first + c, values[base + c * length + r], nodes.rows[begin + r])
-
-
-@inlined
-def _align(rows: Indices, begin: int, skipped: int, length: int, m: Floats, e: Integers, column: Floats) -> int:
-    """Convert the numbers of rows ``rows[begin + r]`` to doubles ``column[r]``; return their common exponent.
-
-    `r` runs from ``skipped`` to ``length - 1``; numbers are ``m * 2**(256 e)``; the common exponent is the largest.
-    """
-    common = NO_EXPONENT
-    for r in range(skipped, length):
-        row = rows[begin + r]
-        if m[row] != 0.0 and e[row] > common:
-            common = int(e[row])
-    for r in range(skipped, length):
-        row = rows[begin + r]
-        column[r] = _shift(m[row], e[row] - common)
-    return common
-
-
-@inner_fast
-def _product(column: Floats, values: Floats, base: int, begin: int, end: int) -> float:
-    """Return the inner product of ``column[begin:end]`` and ``values[base + begin:base + end]``."""
-    total, b = 0.0, np.uint64(base)
-    for each in range(begin, end):
-        i = np.uint64(each)
-        total += column[i] * values[b + i]
-    return total

@@ -2,7 +2,7 @@
 
 Tests internals: `resgrid.circuit.equations`, `resgrid.solvers.factors`, `resgrid.solvers.laplacian`,
 `resgrid.solvers.method_choice`, `resgrid.solvers.ordering_kernels`, `resgrid.solvers.supernodal`,
-`resgrid.solvers.symbolic`.
+`resgrid.solvers.supernodal_factors`, `resgrid.solvers.symbolic`.
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ from resgrid.solvers.factors import DirectFactor, factor_direct
 from resgrid.solvers.laplacian import Laplacian, Rows
 from resgrid.solvers.method_choice import factor_laplacian
 from resgrid.solvers.ordering_kernels import minimum_fill, quotient_graph
-from resgrid.solvers.supernodal import SupernodalFactors, factor_supernodes
+from resgrid.solvers.supernodal import factor_supernodes
+from resgrid.solvers.supernodal_factors import SupernodalFactors
 from resgrid.solvers.symbolic import Symbolic, order_by_distance, order_by_fill
 
 ORDERS = pytest.mark.parametrize("order", [order_by_distance, order_by_fill])
