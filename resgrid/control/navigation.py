@@ -18,18 +18,13 @@ from resgrid.control.run_log import ControlMode, End, TerminationReason
 from resgrid.control.state_estimate import LiveMap, Sensor
 from resgrid.core.cell import Cell
 from resgrid.errors import InputError
+from resgrid.planning.streamline import dead_end_reason
 
 Vector = NDArray[np.float64]
 
 STALL_LIMIT = 40.0
 """Distance, in cells, that the robot could have moved while it stayed within half a cell, from which on it has stalled.
 """
-
-_FLAT = (
-    "no current flows here, although a path leads to a goal: these cells have no drive; open the obstacles (k below "
-    "1), or let the edge count as an obstacle (edge = 'obstacle')"
-)
-"""Message for a cell with a path to a goal but without current."""
 
 DITHERS = 10
 """Maximum number of small random motions of a stalled robot before it has moved more than half a cell."""
@@ -120,14 +115,12 @@ class Navigator:
         if seen.place == "goal":
             return self._to_goal(believed)
         if seen.place == "off":
-            if live.space.goal_connected[tuple(live.space.split(believed)[0])]:
-                waits = live.grid is not None
-                return (
-                    Command(ControlMode.WAITING, np.zeros_like(believed))
-                    if waits
-                    else End(TerminationReason.NO_CURRENT, _FLAT)
-                )
-            return self._recover(believed, configuration)
+            cell = tuple(live.space.split(believed)[0].tolist())
+            if not live.space.goal_connected[cell]:
+                return self._recover(believed, configuration)
+            if live.grid is not None:
+                return Command(ControlMode.WAITING, np.zeros_like(believed))
+            return End(TerminationReason.NO_CURRENT, dead_end_reason(controller.field, cell))
         self._tried, self.exit, self._cut_off = set(), None, False
         if controller.response == "equipotential" and torque.any():
             following = following_velocity(seen.velocity, torque)

@@ -136,10 +136,7 @@ class Streamline:
     def reason(self) -> str | None:
         """Reason why the streamline reaches no goal, with a remedy; None if it reaches a goal."""
         if self.outcome is Outcome.NO_CURRENT:
-            cell, safe = tuple(self.cells[-1].tolist()), self.field.safe
-            if safe is not None and not safe[cell]:
-                return _UNSAFE.format(cell=cell)
-            return no_current_reason(self.space, self.field.wiring, cell, _flowing_cells(self.field))
+            return dead_end_reason(self.field, tuple(self.cells[-1].tolist()))
         return failure_reason(self.outcome, self.space, tuple(self.cells[0].tolist()))
 
     @property
@@ -170,6 +167,16 @@ class Streamline:
         continuous = np.concatenate([cells[:1], cells[:1] + np.cumsum(step, axis=0)])
         turns = (continuous - cells) // np.array(space.shape)
         return np.asarray(self.axis_points + turns * (space.upper - space.lower))
+
+
+def dead_end_reason(field: Field, cell: tuple[int, ...]) -> str:
+    """Return the reason why streamlines of a field end without a goal in a free cell, and a remedy, as a message.
+
+    `cell`: cell that no current leaves, or that is not direction-safe.
+    """
+    if field.safe is not None and not field.safe[cell]:
+        return _UNSAFE.format(cell=cell)
+    return no_current_reason(field.space, field.wiring, cell, _flowing_cells(field))
 
 
 def _flowing_cells(field: Field) -> NDArray[np.bool_]:

@@ -1,6 +1,7 @@
 """Simulated runs: arrival, contacts, following, learning, pushes, errors of the estimated position, and all endings.
 
-Tests internals: `resgrid.control.relaxation`, `resgrid.core.regions`.
+Tests internals: `resgrid.control.plant`, `resgrid.control.relaxation`, `resgrid.core.regions`,
+`resgrid.planning.pipeline`.
 """
 
 from __future__ import annotations
@@ -13,8 +14,10 @@ from hypothesis import given, settings, strategies as st
 from support.hidden import controlled, hiding, square
 
 import resgrid as rg
+from resgrid.control.plant import make_plant
 from resgrid.control.relaxation import Relaxation
 from resgrid.core.regions import label_regions
+from resgrid.planning.pipeline import solve_field
 
 BOX = rg.Box((2.5, 3.0), (6.2, 4.0))
 U = [rg.Box((2.0, 2.5), (6.0, 3.0)), rg.Box((2.0, 2.5), (2.5, 5.5)), rg.Box((5.5, 2.5), (6.0, 5.5))]
@@ -364,3 +367,16 @@ def test_the_command_on_the_border_of_an_obstacle_cell_is_that_of_the_free_cell(
     seen = rg.simulation(scene).controller.seen((3.5, 4.0 + off))
     assert seen.place == "free"
     assert seen.velocity[0] > 0.0
+
+
+def test_a_run_without_current_states_the_reason_of_the_streamline() -> None:
+    """The room behind the goals touches no obstacle; its edge is open."""
+    cell = np.zeros((8, 3), dtype=np.uint8)
+    cell[0], cell[3] = rg.Cell.OBSTACLE, rg.Cell.GOAL
+    space = rg.ConfigurationSpace([rg.Axis("x", 0.0, 8.0, 8), rg.Axis("y", 0.0, 3.0, 3)], cell)
+    controller = rg.control.make_controller(solve_field(space, rg.Wiring(edge="open"), 1.0))
+    run = rg.control.Simulation(controller, make_plant(rg.DiscRobot(0.2), space.axes, [], [])).run((6.5, 1.5))
+    assert run.ending is rg.control.TerminationReason.NO_CURRENT
+    reason = rg.streamline(controller.field, (6.5, 1.5)).reason
+    assert reason is not None and "edge = 'obstacle'" in reason
+    assert run.message == reason
