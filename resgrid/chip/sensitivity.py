@@ -133,8 +133,8 @@ class Sensitivity(Result):
         """Return the result as a dictionary for JSON.
 
         Keys: the names of `figures`, each with a dictionary of ``value``, ``unit`` and ``definition``; ``weakest``:
-        list of the ten most sensitive resistors, each with ``nodes`` (names of both nodes), ``drift`` (relative change)
-        and ``cell`` (index).
+        list of the ten most sensitive resistors, each with ``nodes`` (names of both nodes), ``drift`` (the resistor's
+        `flip_drift`) and ``cell`` (index of the cell whose decision the resistor changes first).
         """
         worst = self.flips(np.finfo(np.float64).max)[:_WORST]
         names, cells = end_names(self.op.netlist, worst), self.cells[self.decision[worst]].tolist()

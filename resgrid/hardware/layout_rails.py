@@ -18,10 +18,10 @@ from resgrid.hardware.layout_rules import Box, DrawnCell, Label, LayoutRules, Me
 from resgrid.hardware.layout_tiles import TileGeometry, placements
 
 STRIP = 5000
-"""Height of the rectangle of vias at the upper edge of a pad, in nanometres."""
+"""Height of the rectangle of vias at the upper edge of a pad, across the edge (y), in nanometres."""
 
 VIA_STRIP = 20000
-"""Largest width of the rectangle of vias at the upper edge of a pad, in nanometres."""
+"""Largest width of the rectangle of vias at the upper edge of a pad, along the edge (x), in nanometres."""
 
 DROP = 0.001
 """Voltage drop along a trunk, as a fraction of the supply, for which the width of trunks is chosen."""

@@ -184,7 +184,9 @@ def _first_levels(op: OperatingPoint, before: OperatingPoint | None, unit: float
 
 
 def _levels(netlist: Netlist, start: NDArray[np.float64], unit: float) -> Iterator[NDArray[np.float64]]:
-    """Yield the potentials or drops (nodes,) of all nodes at geometrically spaced times.
+    """Yield the potentials or drops (nodes,) of all nodes at the times ``unit _FIRST _RATIO**k``, ``k = 1, 2, ...``.
+
+    At most `_MAX_TIMES` values are yielded, one per time.
 
     The values are extrapolated from coarse and fine steps of backward Euler.  The geometric extrapolation ``fine**2 /
     coarse`` has second order and keeps all values positive.  `netlist`: circuit whose node voltages are potentials or

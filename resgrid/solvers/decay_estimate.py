@@ -131,10 +131,11 @@ def cheapest_paths(rows: Rows, begin: NDArray[np.bool_], cost: Indices, wanted: 
     The cost of a step depends only on the node that the step leads to. The first path found to a node is therefore the
     cheapest.
 
-    `rows`: neighbours of every node; `begin` (n,): mask of the nodes where paths begin; `cost` (n,): cost of a step to
-    each node, below the number of buckets. On entry it is encoded as ``-2 - cost``; on exit it is the cost of the path
-    to each of the ``wanted`` nodes, and unchanged at nodes without a path. If fewer nodes have a path, all of them
-    count. `head` (buckets,): first node of the linked list of every bucket of the priority queue, -1 on entry.
+    `rows`: neighbours of every node; `begin` (n,): mask of the nodes where paths begin, which count as nodes with a
+    path of cost 0; `cost` (n,): cost of a step to each node, below the number of buckets. On entry it is encoded as
+    ``-2 - cost``; on exit it is the cost of the path to each of the ``wanted`` nodes, unchanged at nodes without a
+    path, and without meaning at other nodes. If fewer nodes have a path, all of them count as wanted. `head`
+    (buckets,): first node of the linked list of every bucket of the priority queue, -1 on entry.
     """
     # Linked lists of the nodes in the buckets: `head`, and the successor of every node until it is visited.
     after, buckets, waiting, seen = cost, len(head), 0, 0

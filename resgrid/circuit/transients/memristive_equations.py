@@ -30,7 +30,8 @@ from resgrid.circuit.transients.waveforms import Drive
 class Point(NamedTuple):
     """Unknowns of the equations.
 
-    `voltage` (n,): voltages of the rows, in volts; `state` (m,): coordinates of the states; `charge` (m,): charges that
+    `voltage` (n,): voltages of the rows, in volts; `state` (m,): coordinates of the states of the
+    memristors (`Coordinates`: the state itself, or its logit); `charge` (m,): charges that
     have passed the memristors, in coulombs; `heat` (m,): energies that they have dissipated, in joules.
     """
 
@@ -144,9 +145,9 @@ class MemristiveEquations:
     def slope(self, at: Point, drive: Drive, moving: Vector) -> Point:
         """Return the right-hand sides of the equations as a point.
 
-        They are the currents into rows in amperes, the drifts of states in 1/s, and the currents in amperes and the
-        heat of the memristors in watts.  `at`: the unknowns; `drive`: the waveform; `moving` (m,): 1 for a memristor
-        whose state can change, 0 at a limit.
+        `voltage` has the currents into the rows, in amperes; `state` the time derivatives of the coordinates, in 1/s;
+        `charge` the current and `heat` the power of every memristor, in amperes and watts.  `at`: the unknowns;
+        `drive`: the waveform; `moving` (m,): 1 for a memristor whose state can change, 0 at a limit.
         """
         siemens, drop = self.conductance(at.state), self.drops(at.voltage, drive.value)
         amps = siemens * drop

@@ -320,7 +320,10 @@ def _chosen_resistors(memristors: ArrayLike | None, count: int) -> NDArray[np.in
 
 
 def _per_memristor(name: str, value: ArrayLike, count: int) -> NDArray[np.float64]:
-    """Return one number per memristor, (count,); raise InputError for another shape; `name`: name in messages."""
+    """Return one number per memristor, (count,); raise InputError if `value` is neither a number nor (count,).
+
+    A single number is repeated for all memristors.  `name`: name in messages.
+    """
     given = np.array(real_numbers(name, value), dtype=np.float64)
     if given.shape not in ((), (count,)):
         raise InputError(f"{name} has shape {given.shape}; give one number, or one for each of the {count} memristors")

@@ -22,7 +22,7 @@ _AT_LIMIT = 1e-12
 
 
 class Coordinates(NamedTuple):
-    """Coordinates of states, for one law.
+    """Coordinates of the states of memristors, for one law: the state itself or, without limits, its logit.
 
     `has_limits`: whether the coordinate is the state, with the limits 0 and 1; `half`: coordinate of the state 0.5;
     `steepest`: largest derivative of a state with respect to its coordinate; `exponent`: exponent of the window.
@@ -66,7 +66,10 @@ class Coordinates(NamedTuple):
         return np.asarray(8 * bend * self.state_slope(s))
 
     def can_move(self, s: Vector, drift: Vector) -> Vector:
-        """Return 0 for states that rest at a limit, and 1 for others, (m,); `drift` (m,): drifts in 1/s."""
+        """Return 0 for states that rest at a limit, and 1 for others, (m,).
+
+        `s` (m,): coordinates; `drift` (m,): their time derivatives, in 1/s.
+        """
         if not self.has_limits:
             return np.ones_like(s)
         rests = ((s <= _AT_LIMIT) & (drift < 0)) | ((s >= 1 - _AT_LIMIT) & (drift > 0))

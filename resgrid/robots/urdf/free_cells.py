@@ -37,7 +37,10 @@ RULES = 1
 """Version number of the proof rules; increase it when verdicts change, so that stored verdicts are computed again."""
 
 CENTRES = 1 << 14
-"""Number of cells, in the grid of a group, whose centres are tested between two reports of progress."""
+"""Number of cells whose centres are tested between two reports of progress.
+
+The cells are those of a `Group`: the grid over the joints that one set of pairs of bodies depends on.
+"""
 
 BLOCK = 8
 """Largest number of cells, along an axis, of a block, the unit of work and of a checkpoint."""

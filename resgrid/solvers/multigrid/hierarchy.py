@@ -102,8 +102,9 @@ def coarsen_grid(level: Level) -> tuple[list[Level], list[NDArray[np.int32]]]:
     The second list contains one array (slots,) per level: for every black node, by its index in arrays over the black
     nodes of this level, the position of the block on the next level that contains the node. A position is a red block's
     index in an array (coarse slots,), or the number of coarse slots plus a black block's index; 0 at an unused slot.
-    Coarsening by blocks ends when the grid has fewer than 250 nodes, or so many disconnected blocks that the fraction
-    of extra nodes exceeds `_MOST_EXTRAS`.
+    A disconnected block of cells is several nodes, one per connected component; all but the first are extra nodes, and
+    follow the first nodes of all blocks in arrays. Coarsening by blocks ends when the grid has fewer than 250 nodes, or
+    when extra nodes are more than the fraction `_MOST_EXTRAS` of them.
     """
     levels, targets = [level], list[NDArray[np.int32]]()
     while True:

@@ -170,6 +170,8 @@ def combine(z: Singles, c: Singles, on_c: np.float32, on_z: np.float32, begin: i
 class Slab(NamedTuple):
     """A part of a grid that one thread sweeps over.
 
+    A block is a range of ``level.block`` successive cells of one colour, the unit of work of a sweep.
+
     `first, last`: first block of cells, and block after the last; `begin, end`: range of indices, in arrays over the
     black cells, of the cells whose nodes on the next level belong to this slab alone; `buffer`: address of a work array
     (block,) for sums, 0 for none.
