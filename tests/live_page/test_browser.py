@@ -313,6 +313,15 @@ def test_the_transient_plays_to_the_steady_field_and_ends_at_an_edit(shown: Page
     assert shown.evaluate(PIXELS) == field
 
 
+def test_an_example_is_solved_once(shown: Page):
+    settle(shown)
+    frames = shown.evaluate("live.frames.length")
+    open_example(shown, "ring")
+    settle(shown)
+    shown.wait_for_timeout(500)
+    assert shown.evaluate("live.frames.length") == frames + 1
+
+
 def test_actions_without_an_edit_keep_history_frames_and_transient(shown: Page):
     open_example(shown, "ring")
     until(shown, "live.model.scene.title === 'Ring'")

@@ -101,10 +101,10 @@ export class Model extends EventTarget {
   /** @type {Scene[]} */ future = [];
   /** @type {Scene | null} */ before = null;
 
-  /** Change some properties of the scene, as one undo step. @param {Partial<Scene>} change */
+  /** Change some properties of the scene, as one undo step and with one event. @param {Partial<Scene>} change */
   replace(change) {
     this.begin();
-    this.show(change);
+    this.scene = this.#changed(change);
     this.commit();
   }
 
@@ -122,8 +122,8 @@ export class Model extends EventTarget {
 
   /** Change the scene within a gesture; equal scenes are ignored. @param {Partial<Scene>} change */
   show(change) {
-    const scene = { .../** @type {Scene} */ (this.scene), ...change };
-    if (!areAlike(scene, /** @type {Scene} */ (this.scene))) this.#set(scene, false);
+    const scene = this.#changed(change);
+    if (scene !== this.scene) this.#set(scene, false);
   }
 
   /** End a gesture, as one undo step unless the scene is unchanged. */
@@ -151,6 +151,12 @@ export class Model extends EventTarget {
     this[from] = this[from].slice(0, -1);
     this[to] = [...this[to], this.scene];
     this.#set(scene, true);
+  }
+
+  /** Return the scene with some properties changed; the present object if nothing changes. @param {Partial<Scene>} change */
+  #changed(change) {
+    const present = /** @type {Scene} */ (this.scene), scene = { ...present, ...change };
+    return areAlike(scene, present) ? present : scene;
   }
 
   /** @param {Scene | null} scene @param {boolean} settled */

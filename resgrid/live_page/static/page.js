@@ -58,9 +58,7 @@ export class Page {
     });
     this.world = new World(parts.canvas("world"), model, newest(() => this.#askCells()));
     this.settling = new Settling(parts, model, this.wire, this.view, { complain, moved: () => this.#probe() });
-    model.addEventListener("rest", () => {
-      if (this.solved !== model.scene || !this.view.frame?.exact) this.#solve();
-    });
+    model.addEventListener("rest", () => this.#solve());
     model.addEventListener("change", (event) => this.#show(/** @type {CustomEvent} */ (event).detail.settled));
     this.#listenToControls(complain);
     this.#listenToKeys(about.keys);
@@ -184,7 +182,10 @@ export class Page {
   /** Handle the server's first message: show its scene, or solve the present scene after a reconnection. @param {any} head @param {Uint8Array} body */
   async #greet(head, body) {
     const { parts: { get, input }, model, tools, about: { switches, shelf, fragment } } = this;
-    if (model.scene) return this.#solve();
+    if (model.scene) {
+      this.solved = null;
+      return this.#solve();
+    }
     const first = readScene(head, body);
     setColours(head.hello.colours);
     get("legend-bar").style.background = colours.gradient;
@@ -252,9 +253,10 @@ export class Page {
     }
   }
 
+  /** Request the field of the present scene, unless its exact field is shown. */
   async #askField() {
     const { model: { scene }, wire } = this;
-    if (!scene || !wire.isOpen) return;
+    if (!scene || !wire.isOpen || (scene === this.solved && this.view.frame?.exact)) return;
     const exact = this.model.before === null, began = performance.now(), why = this.frames.length ? "solving" : "compiling kernels, once";
     const slow = setInterval(() => {
       const waited = performance.now() - began;
