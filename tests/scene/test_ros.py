@@ -241,6 +241,13 @@ def test_a_turned_origin_turns_cells_starts_and_shapes(tmp_path):
         rg.build_space(rg.read_scene(file, goal=(9.25, 21.75), start=(10.5, 20)))
 
 
+@pytest.mark.parametrize("percent", range(1, 101))
+def test_threshold_in_percent_has_no_rounding_error(tmp_path, percent):
+    file = write(tmp_path, [[percent - 1, percent]], mode="raw", occupied_thresh=percent / 100)
+    assert rg.read_scene(file).map.cell[:, 0].tolist() == [0, 1]
+    assert ros_greys(file)[percent - 1 : percent + 1] == ["free", "obstacle"]
+
+
 def test_lethal_is_the_threshold_in_scale_mode(tmp_path):
     file = write(tmp_path, [[255, 170, 120, 0]], mode="scale")
     assert rg.maps.from_occupancy_grid(file).tolist() == [[0, 30, 73, 100]]
