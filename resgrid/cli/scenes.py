@@ -265,7 +265,7 @@ def size_of(shape: Sequence[int]) -> str:
 
 
 def place_of(point: Sequence[float]) -> str:
-    """Return a point as text in parentheses, with six significant digits per coordinate."""
+    """Return a point as text in parentheses, with at least six significant digits and three decimals."""
     from resgrid.scene.nearest_place import place_text
 
     return place_text(point)
