@@ -115,6 +115,26 @@ def test_keepout_areas_are_not_inflated_unless_asked(tmp_path):
     assert (grown == expected).all() and grown.sum() > bare.sum()
 
 
+@pytest.mark.parametrize("sampling", ["conservative", "centre"])
+@pytest.mark.parametrize(("crop", "origin"), [(None, (-0.3, 1.05, 0.2)), ((0.8, 0.8, 1.6, 1.9), (0.5, 0.2, 0.4))])
+def test_inflated_keepout_pixels_around_the_grid_count(tmp_path, crop, origin, sampling):
+    """The reference is the same mask on a larger map."""
+    keys = {"robot": rg.PointRobot(0.25), "sampling": sampling}
+    mask = write_raw(tmp_path, np.full((3, 3), 100), origin=origin, resolution=0.2)
+    keys["mask"] = (rg.Mask(str(mask), "keepout", inflate=True),)
+    large = write(tmp_path, np.full((60, 60), FREE), name="large", origin=(-2.0, -2.0, 0.0))
+    small = write(tmp_path, np.full((25, 20), FREE), name="small")
+    whole = rg.build_space(rg.read_scene(large, **keys), require_goal=False).cell
+    part = rg.build_space(rg.read_scene(small, crop=crop, **keys), require_goal=False)
+    assert (part.cell == rg.Cell.OBSTACLE).any()
+    first = [round((axis.lower + 2) / 0.1) for axis in part.axes]
+    assert (part.cell == whole[tuple(slice(a, a + n) for a, n in zip(first, part.shape, strict=True))]).all()
+    for x in (1.6, 40.0, -40.0):  # a mask away from the robot's reach costs no memory
+        far = write_raw(tmp_path, np.full((3, 3), 100), origin=(x, x, 0.0), resolution=0.2)
+        scene = rg.read_scene(small, **keys | {"mask": (rg.Mask(str(far), "keepout", inflate=True),)})
+        assert (rg.build_space(scene, require_goal=False).cell.any()) == (x == 1.6)
+
+
 def test_paths_avoid_keepout_areas_and_messages_name_the_mask(tmp_path):
     file = write(tmp_path, np.full((20, 30), FREE))
     occupancy = np.zeros((20, 30), int)
