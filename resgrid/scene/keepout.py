@@ -49,7 +49,8 @@ def keepouts_of(scene: Scene) -> list[Keepout]:
         grid, axes = read_mask(mask.file, mask.dialect), scene.axes[:2]
         around = _axes_around(axes, scene, grid) if mask.inflate else axes
         occupancy = grid.largest_in(around, scene.frame, centres=scene.sampling == "centre")
-        obstacle = CellSet(around, occupancy >= mask.lethal)
+        solid = (*around, *scene.axes[2:]) if scene.robot.turning_length is None else around  # columns, in space
+        obstacle = CellSet(solid, over_map(occupancy >= mask.lethal, solid))
         first = [round((axis.lower - outer.lower) / axis.spacing) for axis, outer in zip(axes, around, strict=True)]
         occupancy = occupancy[tuple(slice(low, low + axis.cells) for low, axis in zip(first, axes, strict=True))]
         costs = conductivities(occupancy, mask.least_conductivity, mask.lethal)

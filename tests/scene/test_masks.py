@@ -115,6 +115,20 @@ def test_keepout_areas_are_not_inflated_unless_asked(tmp_path):
     assert (grown == expected).all() and grown.sum() > bare.sum()
 
 
+def test_inflated_keepout_areas_are_columns_in_space(tmp_path):
+    np.save(tmp_path / "voxels.npy", np.zeros((12, 10, 4), np.uint8))
+    occupancy = np.zeros((10, 12), int)
+    occupancy[3:5, 6:8] = 100
+    name = str(write_raw(tmp_path, occupancy, resolution=1.0))
+    robot = rg.PointRobot(1.5)
+    space, plane = (
+        rg.build_space(rg.read_scene(file, robot=robot, mask=(rg.Mask(name, "keepout", inflate=True),)),
+                       require_goal=False).cell
+        for file in (tmp_path / "voxels.npy", write(tmp_path, np.full((10, 12), FREE), resolution=1.0))
+    )  # fmt: skip
+    assert plane.any() and (space == plane[:, :, None]).all()
+
+
 @pytest.mark.parametrize("sampling", ["conservative", "centre"])
 @pytest.mark.parametrize(("crop", "origin"), [(None, (-0.3, 1.05, 0.2)), ((0.8, 0.8, 1.6, 1.9), (0.5, 0.2, 0.4))])
 def test_inflated_keepout_pixels_around_the_grid_count(tmp_path, crop, origin, sampling):
