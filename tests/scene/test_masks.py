@@ -98,6 +98,15 @@ def test_centre_sampling_equals_the_loop_of_the_keepout_filter(tmp_path, map_at,
             assert (space.cell[i, j] == rg.Cell.OBSTACLE) == (cost == 254)
 
 
+@pytest.mark.parametrize(("dialect", "forbidden"), [("nav2", 1), ("nav2-jazzy", 1), ("ros1", 5)])
+def test_raw_pixels_above_100_are_forbidden_in_ros1_as_in_its_costmap(tmp_path, dialect, forbidden):
+    file = write(tmp_path, np.full((1, 7), FREE))
+    name = str(write_raw(tmp_path, [[99, 100, 101, 127, 128, 254, 255]]))
+    scene = rg.read_scene(file, mask=(rg.Mask(name, "keepout", dialect=dialect),))
+    cell = rg.build_space(scene, require_goal=False).cell[:, 0]
+    assert cell.tolist() == [0, *([1] * forbidden), *([0] * (6 - forbidden))]
+
+
 def test_keepout_areas_are_not_inflated_unless_asked(tmp_path):
     file = write(tmp_path, np.full((20, 30), FREE))
     occupancy = np.zeros((20, 30), int)
