@@ -86,6 +86,15 @@ def test_an_image_with_a_map_header_next_to_it_is_reported(call, map_file):
     assert "holds its resolution" not in call("info", map_file.with_name("map.pgm"), "--format", "image").stderr
 
 
+def test_a_map_from_standard_input_needs_an_absolute_picture(call, map_file):
+    words = ("info", "-", "--format", "ros", "--map-dialect", "ros1")
+    result = call(*words, piped=map_file.read_text())
+    assert result.exit_code == 2 and "the picture 'map.pgm' lies in an unknown folder" in result.stderr
+    assert (
+        call(*words, piped=map_file.read_text().replace("map.pgm", str(map_file.with_name("map.pgm")))).exit_code == 0
+    )
+
+
 def test_queries_for_another_map_exit_with_2(call, tmp_path):
     for name in "ab":
         (tmp_path / f"{name}.map").write_text("type octile\nheight 2\nwidth 4\nmap\n....\n....\n")
