@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import resgrid as rg
+from resgrid._internal.coordinates import coordinate_text
 from resgrid.cli.arms import verdict_data, verdict_lines
 from resgrid.cli.decks import deck_data, is_deck, open_deck
 from resgrid.cli.options import CommandInput, subcommand, with_source
-from resgrid.cli.scenes import Job, free_counts, open_job, report_ignored, several_k, size_of
+from resgrid.cli.scenes import Job, free_counts, open_job, place_of, report_ignored, several_k, size_of
 from resgrid.cli.terminal import counted, finish
 from resgrid.errors import CircuitError, InputError, ToolMissingError
 
@@ -246,12 +247,12 @@ def _map_lines(data: dict[str, Any]) -> Iterable[str]:
         yield f"  passable      {words['passable']} (--passable)"
     frame = data["frame"]
     if any(frame.values()):
-        yield f"  frame         origin at ({frame['x']:g}, {frame['y']:g}), rotated by {frame['yaw']:g} rad"
+        yield f"  frame         origin at {place_of((frame['x'], frame['y']))}, rotated by {frame['yaw']:g} rad"
 
 
 def _option_text(value: Any) -> str:
     """Return the value of an option that crops or joins cells as on the command line: numbers separated by commas."""
-    return ",".join(f"{part:g}" for part in value) if isinstance(value, list | tuple) else str(value)
+    return ",".join(f"{part:.15g}" for part in value) if isinstance(value, list | tuple) else str(value)
 
 
 def _sketch_lines(data: dict[str, Any]) -> Iterable[str]:
@@ -264,7 +265,10 @@ def _sketch_lines(data: dict[str, Any]) -> Iterable[str]:
     yield f"  sketch        {across['name']} to the right, {up['name']} upwards{whose}: {data['sketch_key']}"
     shown = list(zip(data["axes"], data["sketch_lower"], data["sketch_upper"], strict=True))
     if any((axis["lower"], axis["upper"]) != (low, high) for axis, low, high in shown):
-        part = ", ".join(f"{axis['name']} {low:g} to {high:g} {axis['unit']}" for axis, low, high in shown)
+        part = ", ".join(
+            f"{axis['name']} {coordinate_text(low)} to {coordinate_text(high)} {axis['unit']}"
+            for axis, low, high in shown
+        )
         yield f"                only the known part: {part}; all other cells are unknown"
     yield from (f"    {row}" for row in data["sketch"])
 
@@ -274,7 +278,7 @@ def _lines(data: dict[str, Any]) -> Iterable[str]:
     for axis in data["axes"]:
         ring = ", periodic" if axis["periodic"] else ""
         yield (
-            f"  {axis['name']}: {axis['lower']:g} to {axis['upper']:g} {axis['unit']}, "
+            f"  {axis['name']}: {coordinate_text(axis['lower'])} to {coordinate_text(axis['upper'])} {axis['unit']}, "
             f"{axis['cells']} cells of {axis['spacing']:.6g} {axis['unit']}{ring}"
         )
     yield from _map_lines(data)

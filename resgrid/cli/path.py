@@ -108,11 +108,13 @@ def command(
         return answer_legs(source, output, via, approximate=approximate, escape=escape)
     if output is not None and queries is None:
         check_routes_file(output)
+    if queries is not None:
+        _check_query_options(
+            source, shorten=shorten, speed=speed, acceleration=acceleration, rate=rate, fixed_joints=fixed_joints
+        )
     job = open_job(source, require_goal=queries is None, method=method, ranks=ranks, launcher=launcher)
     ignored = report_ignored(job, "grid")
     if queries is not None:
-        if shorten or speed:
-            raise InputError("--queries only gives lengths of streamlines: leave out --shorten and --speed")
         return answer_queries(job, queries, limit, output, ignored)
     timed = _is_timed(job, output, speed, acceleration, rate)
     require_starts(job.scene)
@@ -143,6 +145,23 @@ def _report_speed_masks(scene: rg.Scene, *, timed: bool) -> None:
     """
     if not timed and any(mask.kind == "speed" for mask in scene.mask):
         say("ignored: the speed limits of masks, which apply to timed paths; add --speed")
+
+
+def _check_query_options(source: CommandInput, **options: object) -> None:
+    """Raise InputError for options without effect on the answers to queries.
+
+    `source`: input of the subcommand, whose places are also rejected; `options`: value of each option by name.
+    """
+    keys = dict.fromkeys(key.removesuffix("_cell") for key in source.changes)
+    names = [
+        *(key for key in ("goal", "start", "goal_tolerance") if key in keys),
+        *(key for key in options if options[key]),
+    ]
+    if names:
+        given = ", ".join(f"--{name.replace('_', '-')}" for name in names)
+        raise InputError(
+            f"--queries only gives lengths of streamlines between the places of the file: leave out {given}"
+        )
 
 
 def _write(routes: Sequence[Route], output: str, fixed_joints: bool) -> bool:

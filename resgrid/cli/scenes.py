@@ -187,8 +187,11 @@ def _piped_scene(source: CommandInput) -> rg.Scene:
     """Return the scene from standard input, which is TOML or a map, recognised by its first bytes."""
     import tempfile
 
+    import click
+
     from resgrid._internal.files import decode
     from resgrid.scene.maps.formats import FORMATS
+    from resgrid.scene.maps.ros_header import NEWEST, read_header
     from resgrid.scene.overrides import build_changed
     from resgrid.scene.reading import parse_document, read_document
 
@@ -201,10 +204,16 @@ def _piped_scene(source: CommandInput) -> rg.Scene:
     ):
         _refuse_map_options(source)
         return build_changed(parse_document(decode(data, Path("standard input")), "standard input"), source.changes)
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "standard_input"
-        file.write_bytes(data)
-        return build_changed(read_document(file, source.map_options), source.changes)
+    # The folder exists until the subcommand ends, because some subcommands read the map again.
+    file = Path(click.get_current_context().with_resource(tempfile.TemporaryDirectory())) / "standard_input"
+    file.write_bytes(data)
+    if source.map_options.get("format") == "ros":
+        image = read_header(file, source.map_options.get("dialect", NEWEST)).image
+        if not Path(image).is_absolute():
+            raise InputError(
+                f"standard input: the picture {image!r} lies in an unknown folder; name the file of the map"
+            )
+    return build_changed(read_document(file, source.map_options), source.changes)
 
 
 FIRST_RUN = (
@@ -265,7 +274,7 @@ def size_of(shape: Sequence[int]) -> str:
 
 
 def place_of(point: Sequence[float]) -> str:
-    """Return a point as text in parentheses, with six significant digits per coordinate."""
+    """Return a point as text in parentheses, with at least six significant digits and three decimals."""
     from resgrid.scene.nearest_place import place_text
 
     return place_text(point)

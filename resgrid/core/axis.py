@@ -10,6 +10,7 @@ import numpy as np
 from annotated_types import Ge, Le
 from numpy.typing import ArrayLike, NDArray
 
+from resgrid._internal.coordinates import coordinate_text
 from resgrid._internal.numbers import per_axis
 from resgrid._internal.validation import checked
 from resgrid.errors import InputError
@@ -117,7 +118,9 @@ def split_points(
     inside = np.all((scaled >= np.negative(slack)) & (scaled <= size + slack), axis=-1)
     if not np.all(inside):
         wrong = np.atleast_2d(points)[~np.atleast_1d(inside)][0]
-        ranges = ", ".join(f"{axis.name} in [{axis.lower:g}, {axis.upper:g}]" for axis in axes)
+        ranges = ", ".join(
+            f"{axis.name} in [{coordinate_text(axis.lower)}, {coordinate_text(axis.upper)}]" for axis in axes
+        )
         raise InputError(f"the point {tuple(wrong.tolist())} lies outside the grid; give a point with {ranges}")
     cells = np.clip(np.floor(scaled), 0, size - 1).astype(np.int64)
     return cells, np.clip(scaled - cells, 0.0, 1.0)

@@ -1,7 +1,6 @@
 """Writers of paths: tables (CSV), records (JSON), arrays (NPZ), and messages for ROS.
 
-All formats contain the same columns and values, in world coordinates that are continuous across the seams of periodic
-axes.
+All formats contain the same columns and values, in world coordinates that are continuous across seams.
 """
 
 from __future__ import annotations
@@ -17,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid._internal.coordinates import coordinate_text
 from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError
 from resgrid.io.ros_paths import Timed, points_of, require_plane, streamline_of
@@ -391,7 +391,7 @@ def _documents(routes: Sequence[Route], *, fixed_joints: bool) -> str:
         )
     text, begin = "", ""
     for route in routes:
-        place = ", ".join(f"{value:.6g}" for value in route.start)
+        place = ", ".join(map(coordinate_text, route.start))
         comment = f"# start ({place}), k = {_number(route.k):g}: {route.outcome}\n"
         message = message_of(route.path, heading=route.heading, fixed_joints=fixed_joints) if route.reached else ""
         text += f"{begin}{comment}{message}" if route.reached else comment

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -11,7 +12,7 @@ from resgrid.core.axis import Axis
 from resgrid.core.frame import Frame
 from resgrid.errors import InputError
 from resgrid.robots import CellSet
-from resgrid.scene.maps.mask_grids import read_mask
+from resgrid.scene.maps.mask_grids import MaskGrid, read_mask
 from resgrid.scene.maps.occupancies import conductivities
 from resgrid.scene.scene import Scene
 from resgrid.scene.world_coordinates import over_map, unknown_cells
@@ -22,19 +23,15 @@ class Keepout(NamedTuple):
 
     `name`: key path of the mask, such as ``mask[0]``; `blocked` (columns, rows): mask of forbidden cells;
     `conductivity` (columns, rows): upper bound of the relative conductivity of every cell; `inflate`: whether the whole
-    robot stays out of forbidden cells; otherwise only its reference point does; `axes`: axes x and y of the cells.
+    robot stays out of forbidden cells; otherwise only its reference point does; `obstacle`: the forbidden cells as an
+    obstacle in the coordinates of the space, with `inflate` also those around the grid that the robot can touch.
     """
 
     name: str
     blocked: NDArray[np.bool_]
     conductivity: NDArray[np.float64]
     inflate: bool
-    axes: tuple[Axis, ...]
-
-    @property
-    def obstacle(self) -> CellSet:
-        """The forbidden cells as an obstacle in the coordinates of the space."""
-        return CellSet(self.axes, self.blocked)
+    obstacle: CellSet
 
 
 def keepouts_of(scene: Scene) -> list[Keepout]:
@@ -50,11 +47,32 @@ def keepouts_of(scene: Scene) -> list[Keepout]:
         if mask.kind != "keepout":
             continue
         grid, axes = read_mask(mask.file, mask.dialect), scene.axes[:2]
-        occupancy = grid.largest_in(axes, scene.frame, centres=scene.sampling == "centre")
-        blocked = occupancy >= mask.lethal
+        around = _axes_around(axes, scene, grid) if mask.inflate else axes
+        occupancy = grid.largest_in(around, scene.frame, centres=scene.sampling == "centre")
+        solid = (*around, *scene.axes[2:]) if scene.robot.turning_length is None else around  # columns, in space
+        obstacle = CellSet(solid, over_map(occupancy >= mask.lethal, solid))
+        first = [round((axis.lower - outer.lower) / axis.spacing) for axis, outer in zip(axes, around, strict=True)]
+        occupancy = occupancy[tuple(slice(low, low + axis.cells) for low, axis in zip(first, axes, strict=True))]
         costs = conductivities(occupancy, mask.least_conductivity, mask.lethal)
-        effects.append(Keepout(f"mask[{number}]", blocked, costs, mask.inflate, axes))
+        effects.append(Keepout(f"mask[{number}]", occupancy >= mask.lethal, costs, mask.inflate, obstacle))
     return effects
+
+
+def _axes_around(axes: tuple[Axis, ...], scene: Scene, grid: MaskGrid) -> tuple[Axis, ...]:
+    """Return the axes x and y, extended by the cells over a mask that the robot can touch from the grid.
+
+    `axes`: axes x and y of the scene; `grid`: pixels of the mask.  Periodic axes have no surroundings.
+    """
+    plane = Frame(scene.frame.x, scene.frame.y, scene.frame.yaw)
+    corners = np.array(list(product(*((axis.lower, axis.upper) for axis in grid.axes))))
+    ends = plane.from_world(grid.frame.to_world(corners))
+    extended = []
+    for axis, low, high in zip(axes, ends.min(axis=0), ends.max(axis=0), strict=True):
+        beyond = np.clip((axis.lower - low, high - axis.upper), 0.0, 0.0 if axis.periodic else scene.robot.extent)
+        below, above = np.ceil(beyond / axis.spacing).astype(int).tolist()
+        lower, upper = axis.lower - below * axis.spacing, axis.upper + above * axis.spacing
+        extended.append(Axis(axis.name, lower, upper, axis.cells + below + above, axis.periodic, axis.unit))
+    return tuple(extended)
 
 
 def require_places(scene: Scene) -> None:

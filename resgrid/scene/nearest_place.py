@@ -8,6 +8,7 @@ from itertools import count
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid._internal.coordinates import coordinate_text
 from resgrid.core.axis import Axis, Point
 from resgrid.core.cell import Cell
 from resgrid.core.frame import Frame
@@ -90,12 +91,18 @@ def nearest_place(allowed: NDArray[np.bool_], cell: tuple[int, ...], axes: Seque
     `frame`: axes of the space, and their transformation to the world.
     """
     nearest = nearest_cell(allowed, cell, axes)
-    return None if nearest is None else place_text(cell_centre(tuple(axes), frame, nearest, ""))
+    if nearest is None:
+        return None
+    return place_text(cell_centre(tuple(axes), frame, nearest, ""), min(axis.spacing for axis in axes) / 10)
 
 
-def place_text(point: Sequence[float]) -> str:
-    """Return a point as text in parentheses, with six significant digits per coordinate."""
-    return "(" + ", ".join(f"{value:.6g}" for value in point) + ")"
+def place_text(point: Sequence[float], step: float = 1e-3) -> str:
+    """Return a point as text in parentheses.
+
+    `step`: coordinates have enough significant digits, at least six, for multiples of the smaller one of this number
+    and 0.001.
+    """
+    return "(" + ", ".join(coordinate_text(value, min(step, 1e-3)) for value in point) + ")"
 
 
 def nearest_cell(allowed: NDArray[np.bool_], cell: tuple[int, ...], axes: Sequence[Axis]) -> tuple[int, ...] | None:

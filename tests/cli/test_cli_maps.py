@@ -1,8 +1,12 @@
 """Maps on the command line: dialects, sketches, unknown space and queries of benchmarks."""
 
+import re
+
 import numpy as np
 import pytest
 from PIL import Image
+
+import resgrid as rg
 
 KEYS = "resolution: 0.5\norigin: [-4, -3, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.19\n"
 
@@ -82,6 +86,15 @@ def test_an_image_with_a_map_header_next_to_it_is_reported(call, map_file):
     assert "holds its resolution" not in call("info", map_file.with_name("map.pgm"), "--format", "image").stderr
 
 
+def test_a_map_from_standard_input_needs_an_absolute_picture(call, map_file):
+    words = ("info", "-", "--format", "ros", "--map-dialect", "ros1")
+    result = call(*words, piped=map_file.read_text())
+    assert result.exit_code == 2 and "the picture 'map.pgm' lies in an unknown folder" in result.stderr
+    assert (
+        call(*words, piped=map_file.read_text().replace("map.pgm", str(map_file.with_name("map.pgm")))).exit_code == 0
+    )
+
+
 def test_queries_for_another_map_exit_with_2(call, tmp_path):
     for name in "ab":
         (tmp_path / f"{name}.map").write_text("type octile\nheight 2\nwidth 4\nmap\n....\n....\n")
@@ -99,3 +112,28 @@ def test_a_path_through_voxels_passes_over_an_obstacle(answer, tmp_path):
     data = answer("path", tmp_path / "v.3dmap", "--start", "0.5,1.5,0.5", "--goal", "2.5,1.5,0.5")
     assert data["paths"][0]["outcome"] == "reached" and max(z for _, _, z in data["paths"][0]["points"]) > 1
     assert answer("info", tmp_path / "v.3dmap")["map"]["format"] == "voxels"
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.3])
+def test_messages_resolve_cells_in_a_frame_far_from_the_origin(call, tmp_path, yaw):
+    grey = np.full((20, 30), 254, np.uint8)
+    grey[8:12, 8:20] = 0
+    Image.fromarray(grey).save(tmp_path / "map.png")
+    file, paths = tmp_path / "map.yaml", tmp_path / "paths.yaml"
+    keys = KEYS.replace("0.5", "0.1").replace("-4, -3, 0", f"500040.046, 5399954.609, {yaw}")
+    file.write_text(f"image: map.png\n{keys}")
+    frame = rg.Frame(500040.046, 5399954.609, yaw)
+    places = [",".join(map(repr, frame.to_world(point).tolist())) for point in ((2.5, 0.5), (0.5, 0.5), (1.4, 1.0))]
+    text = call("info", file, "--crop", "500030.25,5399950,500050,5399955.75").stdout
+    assert "--crop 500030.25,5399950,500050,5399955.75" in text
+    assert ("origin at (500040.046, 5399954.609)" if yaw else "x: 500040.046 to 500043.046 m") in text
+    assert "x in [5000" in call("info", file, "--crop", "0,0,1,1").stderr
+    blocked = call("path", file, f"--goal={places[2]}", f"--start={places[1]}").stderr
+    nearest = re.search(r"the nearest is \((\S+), (\S+)\)", blocked)
+    assert call("path", file, f"--goal={nearest[1]},{nearest[2]}", f"--start={places[1]}").exit_code == 0
+    call("path", file, f"--goal={places[0]}", f"--start={places[1]}", f"--start={places[2]}", "-o", paths)
+    comments = [line for line in paths.read_text().splitlines() if line.startswith("# start")]
+    assert [line.rpartition(": ")[2] for line in comments] == ["reached", "start_blocked"]
+    for line, place in zip(comments, places[1:], strict=True):
+        shown = re.findall(r"[\d.]+", line)[:2]
+        np.testing.assert_allclose(np.array(shown, float), np.array(place.split(","), float), rtol=0, atol=1e-3)

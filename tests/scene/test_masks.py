@@ -98,6 +98,15 @@ def test_centre_sampling_equals_the_loop_of_the_keepout_filter(tmp_path, map_at,
             assert (space.cell[i, j] == rg.Cell.OBSTACLE) == (cost == 254)
 
 
+@pytest.mark.parametrize(("dialect", "forbidden"), [("nav2", 1), ("nav2-jazzy", 1), ("ros1", 5)])
+def test_raw_pixels_above_100_are_forbidden_in_ros1_as_in_its_costmap(tmp_path, dialect, forbidden):
+    file = write(tmp_path, np.full((1, 7), FREE))
+    name = str(write_raw(tmp_path, [[99, 100, 101, 127, 128, 254, 255]]))
+    scene = rg.read_scene(file, mask=(rg.Mask(name, "keepout", dialect=dialect),))
+    cell = rg.build_space(scene, require_goal=False).cell[:, 0]
+    assert cell.tolist() == [0, *([1] * forbidden), *([0] * (6 - forbidden))]
+
+
 def test_keepout_areas_are_not_inflated_unless_asked(tmp_path):
     file = write(tmp_path, np.full((20, 30), FREE))
     occupancy = np.zeros((20, 30), int)
@@ -113,6 +122,40 @@ def test_keepout_areas_are_not_inflated_unless_asked(tmp_path):
     wall = np.where(occupancy[::-1] == 100, WALL, FREE)
     expected = rg.build_space(rg.read_scene(write(tmp_path, wall, "wall"), robot=robot), require_goal=False).cell
     assert (grown == expected).all() and grown.sum() > bare.sum()
+
+
+def test_inflated_keepout_areas_are_columns_in_space(tmp_path):
+    np.save(tmp_path / "voxels.npy", np.zeros((12, 10, 4), np.uint8))
+    occupancy = np.zeros((10, 12), int)
+    occupancy[3:5, 6:8] = 100
+    name = str(write_raw(tmp_path, occupancy, resolution=1.0))
+    robot = rg.PointRobot(1.5)
+    space, plane = (
+        rg.build_space(rg.read_scene(file, robot=robot, mask=(rg.Mask(name, "keepout", inflate=True),)),
+                       require_goal=False).cell
+        for file in (tmp_path / "voxels.npy", write(tmp_path, np.full((10, 12), FREE), resolution=1.0))
+    )  # fmt: skip
+    assert plane.any() and (space == plane[:, :, None]).all()
+
+
+@pytest.mark.parametrize("sampling", ["conservative", "centre"])
+@pytest.mark.parametrize(("crop", "origin"), [(None, (-0.3, 1.05, 0.2)), ((0.8, 0.8, 1.6, 1.9), (0.5, 0.2, 0.4))])
+def test_inflated_keepout_pixels_around_the_grid_count(tmp_path, crop, origin, sampling):
+    """The reference is the same mask on a larger map."""
+    keys = {"robot": rg.PointRobot(0.25), "sampling": sampling}
+    mask = write_raw(tmp_path, np.full((3, 3), 100), origin=origin, resolution=0.2)
+    keys["mask"] = (rg.Mask(str(mask), "keepout", inflate=True),)
+    large = write(tmp_path, np.full((60, 60), FREE), name="large", origin=(-2.0, -2.0, 0.0))
+    small = write(tmp_path, np.full((25, 20), FREE), name="small")
+    whole = rg.build_space(rg.read_scene(large, **keys), require_goal=False).cell
+    part = rg.build_space(rg.read_scene(small, crop=crop, **keys), require_goal=False)
+    assert (part.cell == rg.Cell.OBSTACLE).any()
+    first = [round((axis.lower + 2) / 0.1) for axis in part.axes]
+    assert (part.cell == whole[tuple(slice(a, a + n) for a, n in zip(first, part.shape, strict=True))]).all()
+    for x in (1.6, 40.0, -40.0):  # a mask away from the robot's reach costs no memory
+        far = write_raw(tmp_path, np.full((3, 3), 100), origin=(x, x, 0.0), resolution=0.2)
+        scene = rg.read_scene(small, **keys | {"mask": (rg.Mask(str(far), "keepout", inflate=True),)})
+        assert (rg.build_space(scene, require_goal=False).cell.any()) == (x == 1.6)
 
 
 def test_paths_avoid_keepout_areas_and_messages_name_the_mask(tmp_path):

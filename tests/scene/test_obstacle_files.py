@@ -260,6 +260,8 @@ def test_a_damaged_cloud_has_one_message(tmp_path: Path) -> None:
             "has the fields x, y, w, intensity, but x, y and z are needed",
         ),
         "type.pcd": (binary.replace(b"F F F U", b"F F Q U"), "header of this PCD file is incomplete or damaged"),
+        "lengths.pcd": (binary.replace(b"F F F U", b"F F F"), "FIELDS, SIZE, TYPE and COUNT differ in length"),
+        "several.pcd": (binary.replace(b"COUNT 1", b"COUNT 2"), "COUNT of x, y and z must be 1"),
         "count.pcd": (binary.replace(b"POINTS 4", b"POINTS -4"), "-4 points"),
         "huge.pcd": (binary.replace(b"POINTS 4", b"POINTS 4000000000000"), "GiB"),
         "zip.pcd": (binary.replace(b"DATA binary", b"DATA zip"), "DATA zip is unknown"),

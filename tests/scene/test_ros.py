@@ -78,7 +78,7 @@ def ros1_pixel(grey, negate, mode):
         return 100
     if p < 0.196:
         return 0
-    return -1 if mode == "trinary" else int(99 * (p - 0.196) / (0.65 - 0.196))
+    return -1 if mode == "trinary" else int(1 + 98 * ((p - 0.196) / (0.65 - 0.196)))
 
 
 def nav2_pixel(grey, negate, mode, free=0.196, occupied=0.65):
@@ -155,7 +155,7 @@ def test_alpha_channels_follow_each_dialect(tmp_path):
     assert rg.maps.from_occupancy_grid(file, "nav2").tolist() == [[-1, -1, -1, -1, -1]]
     file = write_yaml(tmp_path, mode="scale")
     middle = (127 / 255 - 0.196) / (0.65 - 0.196)
-    assert rg.maps.from_occupancy_grid(file, "ros1").tolist() == [[int(99 * middle), -1, 100, 0, 100]]
+    assert rg.maps.from_occupancy_grid(file, "ros1").tolist() == [[int(1 + 98 * middle), -1, 100, 0, 100]]
     assert rg.maps.from_occupancy_grid(file, "nav2").tolist() == [[round(100 * middle), -1, -1, -1, -1]]
     file = write_yaml(tmp_path, mode="raw")
     assert rg.maps.from_occupancy_grid(file, "ros1").tolist() == [[-128, -128, 0, -1, 0]]
@@ -184,7 +184,7 @@ def test_older_dialects_average_colours_without_weights(tmp_path):
     # means 85, 170, 400/3; in ROS 1 a third channel of 0 counts as transparent between the thresholds
     p = [(255 - m) / 255 for m in (85, 170, 400 / 3)]
     scaled = [(v - 0.196) / (0.65 - 0.196) for v in p]
-    assert rg.maps.from_occupancy_grid(file, "ros1").tolist() == [[100, int(99 * scaled[1]), -1]]
+    assert rg.maps.from_occupancy_grid(file, "ros1").tolist() == [[100, int(1 + 98 * scaled[1]), -1]]
     assert rg.maps.from_occupancy_grid(file, "nav2-jazzy").tolist() == [
         [100, round(100 * scaled[1]), round(100 * scaled[2])]
     ]
@@ -239,6 +239,13 @@ def test_a_turned_origin_turns_cells_starts_and_shapes(tmp_path):
     assert np.argwhere(rg.build_space(half).cell == 1).tolist() == [[0, 0], [0, 1]]
     with pytest.raises(rg.InputError, match=r"starts\[0\].* in the map's frame"):
         rg.build_space(rg.read_scene(file, goal=(9.25, 21.75), start=(10.5, 20)))
+
+
+@pytest.mark.parametrize("percent", range(1, 101))
+def test_threshold_in_percent_has_no_rounding_error(tmp_path, percent):
+    file = write(tmp_path, [[percent - 1, percent]], mode="raw", occupied_thresh=percent / 100)
+    assert rg.read_scene(file).map.cell[:, 0].tolist() == [0, 1]
+    assert ros_greys(file)[percent - 1 : percent + 1] == ["free", "obstacle"]
 
 
 def test_lethal_is_the_threshold_in_scale_mode(tmp_path):

@@ -15,7 +15,7 @@ from resgrid._internal.memory import BYTES_PER_CELL, SMALLER_MAP, require_grid_m
 from resgrid.core.axis import Axis, rounding
 from resgrid.core.frame import Frame
 from resgrid.scene.maps.ros import open_ros
-from resgrid.scene.maps.ros_dialects import UNKNOWN
+from resgrid.scene.maps.ros_dialects import OCCUPIED, UNKNOWN
 from resgrid.scene.maps.ros_header import Dialect
 
 
@@ -95,9 +95,13 @@ class MaskGrid:
 
 
 def read_mask(file: str, dialect: Dialect) -> MaskGrid:
-    """Return the pixels of a mask, read from its ``map.yaml``; occupancies above 100 are unknown."""
+    """Return the pixels of a mask, read from its ``map.yaml``.
+
+    In ROS 1, with mode ``raw``, pixels of 101 to 254 are occupied and have the occupancy 100, as in costmap_2d.
+    """
     source = open_ros(Path(file), dialect)
     height, width = source.picture.shape
     require_grid_memory((width, height), file, BYTES_PER_CELL, SMALLER_MAP)
     rows = source.occupancies(slice(None), slice(None))[::-1]
+    rows = np.where((rows.view(np.uint8) > OCCUPIED) & (rows != UNKNOWN), np.int8(OCCUPIED), rows)
     return MaskGrid(np.ascontiguousarray(rows.T), source.axes, source.frame)

@@ -168,7 +168,8 @@ def _lethal(header: RosHeader, lethal: int | None) -> int:
 
     `lethal`: value that the user gives, or None; for None, the result follows from the header's ``occupied_thresh``.
     """
-    return max(1, int(np.ceil(100 * header.occupied_thresh))) if lethal is None else lethal
+    percent = round(100 * header.occupied_thresh, 9)  # 100 * 0.55 is slightly above 55
+    return max(1, int(np.ceil(percent))) if lethal is None else lethal
 
 
 def _require_dialect(dialect: str) -> None:

@@ -2,9 +2,10 @@
 
 Sources read: ros-navigation/navigation2, ``nav2_map_server/src/map_io.cpp``, on main since pull request 5071 of 2025
 (``nav2``), and from Dashing to Jazzy (``nav2-jazzy``), both with pictures by GraphicsMagick with 16-bit quanta;
-ros-planning/navigation, ``map_server/src/image_loader.cpp`` (``ros1``; modes since Jade, pictures by SDL_image).  With
-``p`` the darkness of a pixel from 0 to 1 (its lightness if ``negate``), high ``p`` is occupied (100), low ``p`` is free
-(0), other values unknown (-1).  The readers differ in:
+ros-planning/navigation, ``map_server/src/image_loader.cpp`` of Noetic since 1.17.1 (``ros1``, pictures by SDL_image),
+where earlier versions cut off ``99 * ratio`` in mode ``scale``.  With ``p`` the darkness of a pixel from 0 to 1 (its
+lightness if ``negate``), high ``p`` is occupied (100), low ``p`` is free (0), other values unknown (-1).  The readers
+differ in:
 
 =====================  ============================  ============================  ===========================
 property               ``nav2``                      ``nav2-jazzy``                ``ros1``
@@ -20,7 +21,7 @@ opacity, scale         unknown unless opaque         unknown unless opaque      
                                                                                    thresholds: unknown if 0
                                                                                    (three channels: the third
                                                                                    stands for opacity)
-between, scale         ``100 * ratio``, half away    ``100 * ratio``, half to      ``99 * ratio``, cut off
+between, scale         ``100 * ratio``, half away    ``100 * ratio``, half to      ``1 + 98 * ratio``, cut off
                        from zero                     even
 raw                    the grey; above 100 unknown   the mean, rounded; above      the mean, cut off, as a
                                                      100 unknown                   signed byte
@@ -157,7 +158,7 @@ def _as_ros1(raster: Raster, header: RosHeader) -> NDArray[np.int8]:
     result = np.full(p.shape, UNKNOWN, dtype=np.int8)
     if header.mode == "scale" and header.free_thresh < header.occupied_thresh:
         visible = np.ones(mean.shape, dtype=bool) if count == 1 else channels[..., -1] >= 1
-        result = np.where(visible, np.clip(99 * _scaled(p, header), 0, 99).astype(np.int8), result)
+        result = np.where(visible, np.clip(1 + 98 * _scaled(p, header), 1, 99).astype(np.int8), result)
     return _strictly_thresholded(result, p, header)
 
 

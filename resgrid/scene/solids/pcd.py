@@ -67,6 +67,10 @@ def _header(data: bytes, path: Path) -> PCDHeader:
     try:
         names = [name.lower() for name in entries.get("FIELDS", entries.get("COLUMNS", []))]
         counts = [int(count) for count in entries.get("COUNT", ["1"] * len(names))]
+        if len({len(names), len(counts), len(entries["TYPE"]), len(entries["SIZE"])}) > 1:
+            raise ValueError("FIELDS, SIZE, TYPE and COUNT differ in length")
+        if any(name in ("x", "y", "z") and count != 1 for name, count in zip(names, counts, strict=True)):
+            raise ValueError("COUNT of x, y and z must be 1")
         keys = list(zip(entries["TYPE"], map(int, entries["SIZE"]), strict=True))
         shape = zip(names, [_TYPES[kind.upper(), size] for kind, size in keys], counts, strict=True)
         labels = [

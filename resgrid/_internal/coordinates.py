@@ -1,0 +1,22 @@
+"""Coordinates as text for messages."""
+
+from __future__ import annotations
+
+import math
+
+_DIGITS = 6
+"""Smallest number of significant digits of a coordinate."""
+
+_MOST_DIGITS = 15
+"""Number of significant digits that every double holds."""
+
+
+def coordinate_text(value: float, step: float = 1e-3) -> str:
+    """Return a coordinate as text with six significant digits, or with more if multiples of `step` need them.
+
+    Six digits resolve only 10 m at the coordinates of a national grid, such as 5400000 m.
+    """
+    if value == 0 or not math.isfinite(value):
+        return f"{value:g}"
+    digits = math.floor(math.log10(abs(value))) - math.floor(math.log10(step)) + 1
+    return f"{value:.{min(max(digits, _DIGITS), _MOST_DIGITS)}g}"
