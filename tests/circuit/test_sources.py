@@ -194,3 +194,9 @@ def test_parallel_sources_on_a_stack_of_larger_ones_do_not_contradict_each_other
         assert rg.solve(stack).voltage[3] == pytest.approx(0.3, rel=1e-15)
     with pytest.raises(rg.CircuitError, match="contradicts the other sources by 1e-25 V"):
         rg.solve(stack.replace(source_volts=[0.1, 0.2, 1e-25, 2e-25]))
+
+
+def test_balanced_current_sources_do_not_connect_a_circuit_to_ground() -> None:
+    floating = rg.Netlist(3, [[1, 2]], [1.0], current_nodes=[[0, 1], [2, 0]], current_amps=[1.0, 1.0])
+    with pytest.raises(rg.CircuitError, match="no resistor or voltage source touches ground"):
+        rg.solve(floating)
