@@ -10,6 +10,7 @@ and current, or proves that a value lies below a floor, a tiny fraction of the l
 from __future__ import annotations
 
 import math
+import sys
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -37,7 +38,7 @@ _GUARD = 300
 The floor is the magnitude below which voltages and currents are set to zero.
 """
 
-_NEAR_FLOOR = 20
+NEAR_FLOOR = 20
 """Binary logarithm of a multiple of the floor; KCL is not checked at nodes with less total current than this multiple.
 
 The floor is the current below which currents are set to zero.  At such a node, some of the currents may have been set
@@ -103,7 +104,21 @@ def solve_in_integers(system: Equations, columns: list[Column]) -> RecoveredCurr
     `columns`: elimination steps of the matrix ``system.laplacian``.  Refinement may diverge after underflow in the
     factors.
     """
-    state = _initial_state(system)
+    state = refine_in_integers(system, columns)
+    return None if state is None else state.rounded()
+
+
+def refine_in_integers(
+    system: Equations, columns: list[Column], depth: int | None = None, guard: int = _GUARD
+) -> IntegerState | None:
+    """Return the integer voltages and currents that solve the equations, or None if the refinement diverges.
+
+    `columns`: elimination steps of the matrix ``system.laplacian``; `depth`: binary digits between the largest value
+    and the floor, by default 1000, or 200 from 1,000 rows on; `guard`: binary digits of the integers below the floor.
+    """
+    if depth is None:
+        depth = _DEEP_FLOOR if system.size <= _SMALL else _SHALLOW_FLOOR
+    state = _initial_state(system, depth, guard)
     last = math.inf
     for _ in range(_MOST_STEPS if system.size else 0):
         power = state.correct(substitute(columns, state.net[:-1], state.unit_amps - state.unit_volts))
@@ -112,14 +127,15 @@ def solve_in_integers(system: Equations, columns: list[Column]) -> RecoveredCurr
         if not power < last:
             return None
         last = power
-    return state.rounded()
+    return state
 
 
 @dataclass(frozen=True, eq=False)
-class _State:
+class IntegerState:
     """Voltages and currents in integers, which corrections change in place.
 
     `system`: equations; `depth`: binary digits between the largest value and the floor, below which values are set to
+    zero; `floor`: binary logarithm of the current, in units of ``2**unit_amps`` A, below which currents may be set to
     zero; `unit_volts`, `unit_amps`: binary logarithms of the units of voltage and current in volts and amperes;
     `resistors`: resistors that may carry current; `volts` (nodes,): voltages above ground; `net` (n + 1,): net current
     into every row; the last entry collects the currents into nodes of known voltage and is not used.
@@ -127,6 +143,7 @@ class _State:
 
     system: Equations
     depth: int
+    floor: int
     unit_volts: int
     unit_amps: int
     resistors: list[_Resistor]
@@ -204,11 +221,6 @@ class _State:
         floor = max(max(logs, default=-math.inf) - self.depth, self.floor)
         return all(error <= max(amps - _DIGITS, floor) for amps in logs)
 
-    @property
-    def floor(self) -> int:
-        """Binary logarithm of the current, in units of ``2**unit_amps`` A, below which currents may be set to zero."""
-        return _GUARD // 2
-
     def references(self) -> list[int]:
         """Return ground, the lowest known voltage ``system.reference`` and the rails, as sorted integer voltages.
 
@@ -216,7 +228,11 @@ class _State:
         """
         rails = self.system.rails
         known = [0.0, self.system.reference, *([rails.low, rails.high] if rails else [])]
-        return sorted({_units(volts, self.unit_volts) for volts in known})
+        return sorted({self.units(volts) for volts in known})
+
+    def units(self, volts: float) -> int:
+        """Return a voltage as a multiple of ``2**unit_volts`` V, rounded down to an integer."""
+        return _units(volts, self.unit_volts)
 
     def source_currents(self) -> list[int]:
         """Return the currents into the plus terminals of the voltage sources, (sources,), as integers.
@@ -239,45 +255,55 @@ class _State:
         The floor is ``2**-depth`` times the largest voltage or current.
         """
         system, netlist = self.system, self.system.netlist
-        falls, amps = np.zeros((2, len(netlist.conductance)))
+        amps, watts = np.zeros(len(netlist.conductance)), 0
+        digits = max((each.places for each in self.resistors), default=0)
         for each in self.resistors:
             fall = self.volts[each.nodes[0]] - self.volts[each.nodes[1]]
-            falls[each.number] = nearest(fall, self.unit_volts)
             amps[each.number] = nearest(fall * each.siemens, self.unit_volts - each.places)
+            watts += fall * fall * each.siemens << digits - each.places
         source_amps = np.array([nearest(amps, self.unit_amps) for amps in self.source_currents()])
-        least = math.ldexp(max(np.abs(amps).max(initial=0.0), np.abs(source_amps).max(initial=0.0)), -self.depth)
+        largest = max(np.abs(amps).max(initial=0.0), np.abs(source_amps).max(initial=0.0))
+        least = math.ldexp(min(largest, sys.float_info.max), -self.depth)
         least = max(least, nearest(1 << self.floor, self.unit_amps))
         through = np.bincount(netlist.resistor_nodes.ravel(), np.repeat(np.abs(amps), 2), netlist.node_count)
-        falls[np.abs(amps) <= least] = 0.0
         amps[np.abs(amps) <= least] = source_amps[np.abs(source_amps) <= least] = 0.0
-        reference = _units(system.reference, self.unit_volts)
+        reference = self.units(system.reference)
         volts = np.array([nearest(level, self.unit_volts) for level in self.volts])
         heights = np.array([nearest(level - reference, self.unit_volts) for level in self.volts])
+        known = system.known_voltages()
         for levels in (volts, heights):
-            levels[np.abs(levels) <= math.ldexp(np.abs(levels).max(), -self.depth)] = 0.0
+            levels[system.floating] = 0.0
+            levels[np.abs(levels) <= math.ldexp(min(np.abs(levels).max(), sys.float_info.max), -self.depth)] = 0.0
             levels[system.floating] = np.nan
+        volts = np.where(np.isnan(known), volts, known)
         heights[system.undriven] = system.undriven_volts - system.reference
-        volts[system.undriven] = system.undriven_volts
         source_amps = without_loops(system.forest, source_amps)
-        unchecked, power = through <= math.ldexp(max(least, _TINY), _NEAR_FLOOR), float(amps @ falls)
+        unchecked = through <= math.ldexp(max(least, _TINY), NEAR_FLOOR)
+        power = nearest(watts, 2 * self.unit_volts - digits)
         return RecoveredCurrents(volts, heights, amps, source_amps, power, unchecked, floor=2.0**-self.depth)
 
 
-def _initial_state(system: Equations) -> _State:
-    """Return the integer voltages and currents of the equations with all rows at the lowest known voltage."""
+def _initial_state(system: Equations, depth: int, guard: int) -> IntegerState:
+    """Return the integer voltages and currents of the equations with all rows at the lowest known voltage.
+
+    `depth`: binary digits between the largest value and the floor; `guard`: binary digits below the floor.
+    """
     netlist, unknown = system.netlist, system.unknown
     still = np.zeros(netlist.node_count, dtype=np.bool_)
     still[system.floating] = still[system.undriven] = True
     flows = np.flatnonzero(~still[netlist.resistor_nodes].any(axis=1))
     siemens, ends = netlist.conductance[flows].tolist(), netlist.resistor_nodes[flows]
     least, most = math.frexp(min(siemens, default=1.0))[1], math.frexp(max(siemens, default=1.0))[1]
-    level, fed = np.abs(netlist.source_volts).sum(), np.abs(netlist.current_amps).max(initial=0.0)
+    level, fed = np.abs(netlist.source_volts).max(initial=0.0), np.abs(netlist.current_amps).max(initial=0.0)
+    several = len(netlist.source_volts).bit_length()
     largest = max(
-        math.frexp(level)[1] + 1 + most if level else -math.inf, math.frexp(fed)[1] if fed else -math.inf, _LEAST_AMPS
-    )
-    depth = _DEEP_FLOOR if system.size <= _SMALL else _SHALLOW_FLOOR
-    unit_amps = int(largest) - depth - _GUARD - (most - least)
+        math.frexp(level)[1] + several + most if level else -math.inf, math.frexp(fed)[1] if fed else -math.inf,
+        _LEAST_AMPS,
+    )  # fmt: skip
+    unit_amps = int(largest) - depth - guard - (most - least)
     unit_volts = unit_amps - most
+    if level:  # currents that flow through sources alone must not make the unit of voltages too large
+        unit_volts = min(unit_volts, math.frexp(level)[1] - depth - guard)
     volts, reference = _offsets(system, unit_volts), _units(system.reference, unit_volts)
     for node in np.flatnonzero(unknown >= 0).tolist():
         volts[node] += reference
@@ -290,7 +316,7 @@ def _initial_state(system: Equations) -> _State:
     for (source, target), amps in zip(rows, netlist.current_amps.tolist(), strict=True):
         net[source] -= _units(amps, unit_amps)
         net[target] += _units(amps, unit_amps)
-    state = _State(system, depth, unit_volts, unit_amps, resistors, volts, net)
+    state = IntegerState(system, depth, guard // 2, unit_volts, unit_amps, resistors, volts, net)
     for each in resistors:
         if each.rows[0] != each.rows[1]:
             state.conduct(each, volts[each.nodes[0]] - volts[each.nodes[1]])

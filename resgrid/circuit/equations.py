@@ -391,6 +391,6 @@ def _between_rails(netlist: Netlist, volts: NDArray[np.float64], components: Com
         )
     if not ends.size and components.floating.all() and np.count_nonzero(components.of_node < 0) == 1:
         raise CircuitError(
-            "no element touches ground, node 0, so that no voltage is known; connect a resistor or a source to node 0"
+            "no resistor or voltage source touches ground, node 0, so that no voltage is known; connect one to node 0"
         )
     return np.asarray(ends)

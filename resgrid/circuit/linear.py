@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.circuit.equations import ALWAYS_RECOVERED, Equations, assemble, components_of
+from resgrid.circuit.extreme_values import is_extreme, solve_extreme
 from resgrid.circuit.operating_point import BranchCurrents, OperatingPoint
 from resgrid.circuit.postprocess import (
     DIRECTION_RESIDUAL,
@@ -64,9 +65,12 @@ def solve_linear(
     """
     with ThreadTeam(threads) as team:
         run = _Run(method, accuracy, team, ProgressMonitor(progress), {})
-        with run.timed("assemble"):
+        with run.timed("assemble"), np.errstate(all="ignore"):  # extreme values may overflow
             system = assemble(netlist)
-        if accuracy == "normwise":
+        if is_extreme(netlist):
+            with run.timed("balance"):
+                point = replace(solve_extreme(system), seconds=run.seconds)
+        elif accuracy == "normwise":
             point = _solve_normwise(system, run, rtol)
         else:
             solution = _substitute_and_read(system, run)

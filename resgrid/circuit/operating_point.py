@@ -21,6 +21,11 @@ _DIRECT_CURRENT = (
 )  # fmt: skip
 """Names of the fields of a netlist that determine the operating point."""
 
+OUT_OF_RANGE = (
+    "a voltage exceeds 1.8e308 V, the range of double precision: the injected currents are too large for the "
+    "conductances that carry them; check their units"
+)
+
 
 class BranchCurrents(NamedTuple):
     """Currents of resistors and voltage sources, the dissipated power and the KCL residual.

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from resgrid.circuit.cancellation import RecoveredCurrents, floor_of, with_tiny_currents
 from resgrid.circuit.equations import Equations, injected_currents
-from resgrid.circuit.operating_point import BranchCurrents, OperatingPoint
+from resgrid.circuit.operating_point import OUT_OF_RANGE, BranchCurrents, OperatingPoint
 from resgrid.circuit.sources import SourceForest, source_currents
 from resgrid.core.netlist import GROUND, Netlist
 from resgrid.errors import CircuitError
@@ -26,11 +26,6 @@ from resgrid.solvers.progress import ProgressMonitor
 from resgrid.solvers.refinement import minus, quotient
 from resgrid.solvers.scaled import BITS, Scaled, canonical, divided, power, unscaled
 from resgrid.solvers.threads import SINGLE_THREAD, ThreadTeam
-
-OUT_OF_RANGE = (
-    "a voltage exceeds 1.8e308 V, the range of double precision: the injected currents are too large for the "
-    "conductances that carry them; check their units"
-)
 
 DIRECTION_RESIDUAL = 1e-6
 """Largest KCL violation at a node of a direction-safe field, as a fraction of the current through the node."""
@@ -363,7 +358,8 @@ def _log_drop_and_potential(
     if system.rails is None or potential is None:
         return None, potential
     log_drop, above = values.value.log, np.flatnonzero(~values.is_drop)
-    log_drop[above] = np.log1p(-potential[above])
+    with np.errstate(divide="ignore", invalid="ignore"):  # before the recovery of currents, a potential may exceed 1
+        log_drop[above] = np.log1p(-potential[above])
     held = (system.unknown < 0) & (potential > 0.0) & (potential < 1.0)
     log_drop[held | np.isnan(potential)] = np.nan
     return log_drop, potential

@@ -83,9 +83,10 @@ def solve(
     InputError
         If an option is unknown, or `netlist` is not a circuit.
     CircuitError
-        If voltage sources contradict each other, no element touches ground, the currents of current sources into a
-        floating component do not add up to zero, or current sources exceed the capacity of nonlinear resistors.  Also
-        if nothing drives a netlist that was compiled from a space (in other circuits all currents are then 0 A).
+        If voltage sources contradict each other, no resistor or voltage source touches ground, the currents of current
+        sources into a floating component do not add up to zero, or current sources exceed the capacity of nonlinear
+        resistors.  Also if nothing drives a netlist that was compiled from a space (in other circuits all currents are
+        then 0 A).
     AccuracyError
         If the accuracy is not reached; the exception carries the best solution.
     BudgetError

@@ -24,6 +24,9 @@ _Amps = TypeVar("_Amps", int, float, Fraction)
 LOOP_TOLERANCE = 1e-12
 """Largest voltage by which sources in a loop may contradict each other, relative to the largest source of the loop."""
 
+_ROUNDED = 1e-24
+"""Mismatch of a loop, relative to the voltages of its nodes, up to which it is computed again without rounding."""
+
 _MOST_OF_FLOW = 0.6
 """Fraction of the total current of a tree of sources, above which the current of a source is summed on the other side.
 
@@ -40,7 +43,8 @@ class SourceForest:
     children; `base` (tied nodes,): root of the node's tree, which is ground in the tree of ground; `height`, `rounding`
     (tied nodes,): voltage above the root as a double, and its rounding error, in volts; `parent`, `source` (tied
     nodes,): parent node, and index of the source between node and parent; -1 for roots; `loop` (sources,): whether the
-    source belongs to a loop of sources.
+    source belongs to a loop of sources; `exact`: exact voltages above the root by node number, in volts, for all tied
+    nodes but those with a single source, from the node to ground.
     """
 
     count: int
@@ -51,6 +55,7 @@ class SourceForest:
     parent: NDArray[np.int64]
     source: NDArray[np.int64]
     loop: NDArray[np.bool_]
+    exact: Mapping[int, float | Fraction]
 
     @property
     def ties(self) -> list[tuple[int, int, int, int]]:
@@ -106,7 +111,7 @@ def tie_sources(netlist: Netlist) -> SourceForest:
     source, rest = np.append(source, np.flatnonzero(leaf)), np.zeros(len(order))
     rounded = [number for number, (node, *_) in enumerate(ties) if isinstance(exact[node], Fraction)]
     rest[rounded] = [float(exact[ties[number][0]] - Fraction(height[number])) for number in rounded]
-    forest = SourceForest(netlist.node_count, order, base, height, rest, above, source, loop=closing)
+    forest = SourceForest(netlist.node_count, order, base, height, rest, above, source, closing, exact)
     if closing.any():
         _check_loops(netlist, forest)
         _mark_loops(netlist, forest)
@@ -238,6 +243,10 @@ def contradictions(
     """
     (plus, minus), (plus_rest, minus_rest) = (level[ends.T] for level in forest.offsets)
     mismatch = np.abs(plus - minus - volts + (plus_rest - minus_rest))
+    heights, level = forest.offsets[0], np.maximum(np.abs(plus), np.abs(minus))
+    for number in np.flatnonzero((mismatch > 0.0) & (mismatch <= _ROUNDED * level)).tolist():
+        rise = [Fraction(forest.exact.get(node, heights[node])) for node in ends[number].tolist()]
+        mismatch[number] = abs(float(rise[0] - rise[1] - Fraction(volts[number])))
     largest = max(np.abs(part).max(initial=0.0) for part in (forest_volts, volts))
     bad = mismatch > LOOP_TOLERANCE * np.abs(volts)
     doubtful = np.flatnonzero(bad & (mismatch <= LOOP_TOLERANCE * largest))

@@ -123,7 +123,7 @@ def _cost(job: Job) -> dict[str, Any]:
     try:
         netlist = job.compile(job.problem.only_wiring()[1], ideal=True, scaled=False)
         system = assemble(netlist)
-        memory = choose_method(system.laplacian).memory
+        memory = choose_method(system.laplacian).memory if system.size else 0
     except (CircuitError, InputError) as error:
         return {"nodes": None, "resistors": None, "memory_bytes": None, "no_circuit": str(error)}
     return {"nodes": netlist.node_count, "resistors": len(netlist.conductance), "memory_bytes": memory}

@@ -44,8 +44,8 @@ class RandomWalk:
     ----------
     cells : CellMap
         Map between nodes and cells.
-    factors : CircuitFactor
-        Factorization of the nodal equations of all free nodes.
+    factors : CircuitFactor or None
+        Factorization of the nodal equations of all free nodes; None if no free cell has a node.
     row : ndarray of int32, shape of the space
         Matrix row of every free cell; -1 for other cells, and for free cells without a node.
     to_goal : scipy.sparse.csr_array of float64, shape (goals, rows)
@@ -63,7 +63,7 @@ class RandomWalk:
     """
 
     cells: CellMap
-    factors: CircuitFactor
+    factors: CircuitFactor | None
     row: NDArray[np.int32]
     to_goal: sparse.csr_array
 
@@ -85,6 +85,8 @@ class RandomWalk:
         AccuracyError
             If the conductances differ by more orders of magnitude than the factors can represent.
         """
+        if self.factors is None:
+            return rhs if isinstance(rhs, Scaled) else Scaled.of(rhs)
         watch = ProgressMonitor()
         answer, error = self.factors.factors.solve_nonnegative(rhs, watch=watch)
         if not is_answer(error, watch.bound):
@@ -154,17 +156,18 @@ def random_walk(circuit: Netlist | OperatingPoint | RandomWalk, *, method: str =
     if isinstance(circuit, RandomWalk):
         return circuit
     netlist = circuit.netlist if isinstance(circuit, OperatingPoint) else circuit
-    cells = netlist.cells
+    cells, space = netlist.cells, netlist.cells.space
     if cells.wiring.drive == "start":
         raise InputError("a start-driven circuit absorbs walks at its start: compile it with drive = 'uniform'")
-    free = cells.free_node
-    if not free.size:
+    if not np.any(space.cell == Cell.FREE):
         raise InputError("the space has no free cell in which a walk could start; remove obstacles or refine the grid")
+    if not (free := cells.free_node).size:
+        return RandomWalk(cells, None, np.full(space.shape, -1, np.int32), sparse.csr_array((space.goal_count, 0)))
     # A current into every free node: otherwise components without currents would be left out of the factorization.
     sources = np.stack([np.full(free.size, GROUND), free], axis=1)
     driven = netlist.replace(current_nodes=sources, current_amps=np.full(free.size, 1.0 / cells.wiring.resistance))
     factors = factorize(driven, method=method)
-    system, space = factors.system, cells.space
+    system = factors.system
     node_goal = np.full(netlist.node_count, -1, dtype=np.int64)
     goals = space.cell == Cell.GOAL
     node_goal[cells.node[goals]] = space.goal_region[goals]
@@ -259,7 +262,7 @@ def collision_probability(circuit: Netlist | OperatingPoint | RandomWalk) -> Col
     (array([1.  , 0.75, 0.5 , 0.25, 0.  ]), array([0., 3., 4., 3., 0.]))
     """
     walk = random_walk(circuit)
-    degree = walk.factors.system.laplacian.diagonal
+    degree = walk.factors.system.laplacian.diagonal if walk.factors is not None else np.zeros(0)
     capacitance = np.full(len(degree), 1.0 / walk.cells.wiring.resistance)  # in units in which R C is 1
     u = walk.solve(walk.to_goal.T @ np.ones(walk.to_goal.shape[0]))
     log_u = np.minimum(u.log, 0.0)

@@ -33,6 +33,13 @@ def fixed(value: float) -> Fixed:
     return int(fraction * 2.0**_MANTISSA), _MANTISSA - exponent
 
 
+def _inverse(value: float) -> Fixed:
+    """Return the inverse of a positive double, also if it exceeds the range of doubles."""
+    fraction, exponent = math.frexp(value)
+    mantissa, places = fixed(1.0 / fraction)
+    return mantissa, places + exponent
+
+
 class Column(NamedTuple):
     """Elimination step of one row of the matrix: the fractions of the row's current that its neighbours receive.
 
@@ -67,9 +74,7 @@ def columns_of(factors: SupernodalFactors) -> list[Column]:
             largest = leak, -1
         fractions = [(to, fixed(part)) for part, to in given if to != largest[1]]
         columns.append(
-            Column(
-                int(order[k]), fractions, largest[1], fixed(leak) if largest[1] >= 0 < leak else None, fixed(1.0 / d)
-            )
+            Column(int(order[k]), fractions, largest[1], fixed(leak) if largest[1] >= 0 < leak else None, _inverse(d))
         )
 
     for k in range(kept, size):

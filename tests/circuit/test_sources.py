@@ -183,3 +183,20 @@ def test_a_contradiction_of_small_sources_is_found_in_a_loop_with_large_ones(ord
     netlist = circuit(7, [(node, 0, 1e3) for node in range(1, 7)], [sources[number] for number in order])
     with pytest.raises(rg.CircuitError, match=r"contradicts the other sources by 1(\.0*\d*)?e-10 V"):
         rg.solve(netlist)
+
+
+def test_parallel_sources_on_a_stack_of_larger_ones_do_not_contradict_each_other() -> None:
+    """The rounding error of 0.1 V + 0.2 V is far above 1e-25 V."""
+    stack = rg.Netlist(
+        4, [[3, 0]], [1.0], source_nodes=[[1, 0], [2, 1], [3, 2], [3, 2]], source_volts=[0.1, 0.2, 1e-25, 1e-25]
+    )
+    with pytest.warns(UserWarning, match="2 voltage sources form loops"):
+        assert rg.solve(stack).voltage[3] == pytest.approx(0.3, rel=1e-15)
+    with pytest.raises(rg.CircuitError, match="contradicts the other sources by 1e-25 V"):
+        rg.solve(stack.replace(source_volts=[0.1, 0.2, 1e-25, 2e-25]))
+
+
+def test_balanced_current_sources_do_not_connect_a_circuit_to_ground() -> None:
+    floating = rg.Netlist(3, [[1, 2]], [1.0], current_nodes=[[0, 1], [2, 0]], current_amps=[1.0, 1.0])
+    with pytest.raises(rg.CircuitError, match="no resistor or voltage source touches ground"):
+        rg.solve(floating)

@@ -272,3 +272,17 @@ def test_a_run_on_a_settling_grid_ends_when_no_path_exists() -> None:
         adjacent = (rg.Box((0.0, 1.0), (1.0, 2.0)), rg.Box((1.0, 0.0), (2.0, 2.0)))
         run = rg.simulation(scene.replace(hidden=adjacent), announce=True, settle="sor").run()
         assert run.ending is rg.control.TerminationReason.GOAL_BLOCKED
+
+
+@pytest.mark.parametrize("cells", ["0 2", "2 0 2"])
+def test_info_describes_a_chip_whose_only_free_cell_is_the_driven_start(cells: str, tmp_path: Path) -> None:
+    row = cells.split()
+    goals = "\n".join(f"[[goal]]\ncell = [{index}, 0]" for index, code in enumerate(row) if int(code) == GOAL)
+    x, y = (f'{{ name = "{name}", lower = 0, upper = {n}, cells = {n} }}' for name, n in (("x", len(row)), ("y", 1)))
+    axes = f"[{x}, {y}]"
+    (tmp_path / "chip.toml").write_text(
+        f"schema = 1\nstarts = [[{row.index('0')}.5, 0.5]]\n[grid]\naxes = {axes}\n{goals}\n"
+    )
+    found = answer("info", tmp_path / "chip.toml", "--boundary", "neumann", "--drive", "start")
+    assert found["resistors"] == len(row) - 1
+    assert found["memory_bytes"] == 0

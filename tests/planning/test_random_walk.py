@@ -1,5 +1,7 @@
 """Hitting probabilities and times of random walks: Markov chains, gambler's ruin, simulation, mpmath."""
 
+from typing import Literal
+
 import mpmath
 import numpy as np
 import pytest
@@ -209,3 +211,16 @@ def test_circuits_without_a_random_walk_raise_input_error() -> None:
         rg.planning.collision_probability(rg.compile_space(space, boundary="neumann", drive="start", start=(0, 0)))
     with pytest.raises(rg.InputError, match="no free cell"):
         rg.planning.collision_probability(rg.compile_space(space_of([[2, 1]])))
+
+
+@pytest.mark.parametrize(("boundary", "time"), [("dirichlet", 0.4), ("neumann", 2.0)])
+def test_a_leak_ends_the_walk_in_a_space_without_a_free_cell_at_a_goal(
+    boundary: Literal["dirichlet", "neumann"], time: float
+) -> None:
+    """The conductance to the rail is 2 / R, and that of the leak 0.5 / R."""
+    space = rg.ConfigurationSpace([rg.Axis("x", 0.0, 3.0, 3)], [2, 1, 0])
+    netlist = rg.compile_space(space, boundary=boundary, leak=0.5)
+    walk, hits = rg.planning.collision_probability(netlist), rg.planning.hitting_probability(netlist)
+    assert walk.success.tolist() == hits.probability[0].tolist() == [1.0, 0.0, 0.0]
+    np.testing.assert_allclose(walk.steps, [0.0, 0.0, 1.0])
+    np.testing.assert_allclose(walk.time, [0.0, 0.0, time])

@@ -1,0 +1,219 @@
+"""Operating points of small circuits with values far outside the usual range, such as 1e-310 S or 1e300 V.
+
+Products and quotients of such values leave the range of doubles, so that factors in doubles lose their digits.  Here
+the elimination uses decimal numbers with unbounded exponents.  Voltages and currents are integers
+(`resgrid.circuit.cancellation`), and every result is rounded to a double once.
+"""
+
+from __future__ import annotations
+
+import decimal
+import math
+from decimal import Decimal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.circuit.cancellation import NEAR_FLOOR, IntegerState, refine_in_integers
+from resgrid.circuit.equations import ALWAYS_RECOVERED, Equations
+from resgrid.circuit.operating_point import OUT_OF_RANGE, BranchCurrents, OperatingPoint
+from resgrid.core.netlist import Netlist
+from resgrid.errors import AccuracyError, CircuitError
+from resgrid.solvers.conservative_factors import Column, Fixed, nearest
+from resgrid.solvers.scaled import BITS
+
+_USUAL = 2.0**126
+"""Largest magnitude of usual values in SI units, and the inverse of the smallest; about the range of single precision.
+
+In tests, factors in doubles keep their digits for conductances between 1e-40 and 1e40 S, and lose them from 1e-60 to
+1e60 S.
+"""
+
+_PLAIN = 900
+"""Binary exponent up to which a current is stored without a separate exponent; the inverse is the lower limit."""
+
+_DEPTH, _GUARD = 2200, 2500
+"""Numbers of binary digits of the integers between the largest value and the floor, and below the floor.
+
+Values below the floor are set to zero.  The range of doubles, from ``2**-1074`` to ``2**1024``, has fewer digits.
+"""
+
+_MANTISSA = 64
+"""Number of binary digits of the fractions of the elimination."""
+
+_ARITHMETIC = decimal.Context(prec=40, Emin=decimal.MIN_EMIN, Emax=decimal.MAX_EMAX)
+"""Decimal arithmetic with 40 digits, in which no product and no quotient of doubles overflows or underflows."""
+
+
+def is_extreme(netlist: Netlist) -> bool:
+    """Return whether a circuit of at most 500 nodes, not compiled from a space, has values outside the usual range."""
+    if netlist.space_map is not None or netlist.node_count > ALWAYS_RECOVERED:
+        return False
+    values = np.abs(np.concatenate([netlist.conductance, netlist.source_volts, netlist.current_amps]))
+    return bool(np.any((values > _USUAL) | ((values > 0.0) & (values < 1.0 / _USUAL))))
+
+
+def solve_extreme(system: Equations) -> OperatingPoint:
+    """Return the operating point of the equations, without the currents of floating components and without times.
+
+    Every voltage and current is rounded once.  Raise CircuitError if a voltage exceeds the range of doubles,
+    AccuracyError if the refinement diverges.
+    """
+    state = refine_in_integers(system, _columns(system), _DEPTH, _GUARD)
+    if state is None:
+        raise AccuracyError(
+            "the conductances span too many orders of magnitude; check the smallest and the largest one"
+        )
+    if np.isinf((found := state.rounded()).volts).any():
+        raise CircuitError(OUT_OF_RANGE)
+    amps, exponent = _scaled_currents(state)
+    log_drop, potential = _log_drops(state), _potentials(state)
+    currents = BranchCurrents(found.amps, (amps, exponent), found.source_amps, found.power, _residual(state))
+    return OperatingPoint(
+        system.netlist, found.volts, log_drop, potential, currents, system.floating, system.undriven,
+        method="direct" if system.size else "none", seconds={}, entry_error=found.entry_error,
+    )  # fmt: skip
+
+
+def _columns(system: Equations) -> list[Column]:
+    """Return the elimination steps of all rows, in the order of elimination: always a row with fewest neighbours."""
+    ends, rows = system.netlist.resistor_nodes, system.unknown
+    ground, weights = [Decimal(0)] * system.size, [dict[int, Decimal]() for _ in range(system.size)]
+    with decimal.localcontext(_ARITHMETIC):
+        for (i, j), siemens in zip(rows[ends].tolist(), map(Decimal, system.netlist.conductance.tolist()), strict=True):
+            for row, other in ((i, j), (j, i)) if i != j else ():
+                if row >= 0 and other >= 0:
+                    weights[row][other] = weights[row].get(other, Decimal(0)) + siemens
+                elif row >= 0:
+                    ground[row] += siemens
+        remaining, columns = set(range(system.size)), []
+        while remaining:
+            row = min(remaining, key=lambda each: (len(weights[each]), each))
+            remaining.remove(row)
+            columns.append(_eliminate(row, weights, ground))
+    return columns
+
+
+def _eliminate(row: int, weights: list[dict[int, Decimal]], ground: list[Decimal]) -> Column:
+    """Eliminate a row from a network, in place, and return the elimination step.
+
+    `weights`: for every row, the conductances to the other rows, by row index; `ground` (n,): conductances from the
+    rows to the ground; both in siemens.
+    """
+    own = weights[row]
+    pivot = sum(own.values(), ground[row])
+    parts, leak = {other: siemens / pivot for other, siemens in own.items()}, ground[row] / pivot
+    for other, part in parts.items():
+        ground[other] += part * ground[row]
+        del weights[other][row]
+        for third, siemens in own.items():
+            if third != other:
+                weights[other][third] = weights[other].get(third, Decimal(0)) + part * siemens
+    largest = max(parts, key=parts.__getitem__, default=-1)
+    if largest < 0 or leak > parts[largest]:
+        largest = -1
+    fractions = [(other, _fixed(part)) for other, part in parts.items() if other != largest]
+    return Column(row, fractions, largest, _fixed(leak) if largest >= 0 < leak else None, _fixed(1 / pivot))
+
+
+def _fixed(value: Decimal) -> Fixed:
+    """Return a positive number as an integer of 64 or 65 bits and its number of binary places, rounded down."""
+    above, below = value.as_integer_ratio()
+    places = _MANTISSA - above.bit_length() + below.bit_length()
+    return (above << places if places >= 0 else above >> -places) // below, places
+
+
+def _scaled_currents(state: IntegerState) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return the resistor currents as ``mantissa * 2**(256 exponent)`` A, (resistors,) each; 0 below the floor."""
+    count = len(state.system.netlist.conductance)
+    amps, exponent = np.zeros(count), np.zeros(count, dtype=np.int64)
+    values = [
+        ((state.volts[each.nodes[0]] - state.volts[each.nodes[1]]) * each.siemens, state.unit_volts - each.places)
+        for each in state.resistors
+    ]
+    floor = _floor(state, max((value.bit_length() + unit for value, unit in values), default=0))
+    for each, (value, unit) in zip(state.resistors, values, strict=True):
+        if (digits := value.bit_length() + unit) > floor:
+            steps = round(digits / BITS) if abs(digits) > _PLAIN else 0
+            amps[each.number], exponent[each.number] = nearest(value, unit - BITS * steps), steps
+    return amps, exponent
+
+
+def _floor(state: IntegerState, largest: int) -> int:
+    """Return the binary logarithm of the current, in amperes, up to which currents are set to zero.
+
+    `largest`: binary logarithm of the largest current in amperes.
+    """
+    return max(largest - state.depth - 1, state.floor + state.unit_amps)
+
+
+def _residual(state: IntegerState) -> float:
+    """Return the largest net current into a row, as a fraction of the current through the row.
+
+    Rows with currents near the floor are not checked, because some of their currents may have been set to zero.
+    """
+    through = [0] * len(state.net)
+    for each in state.resistors:
+        amps = abs(state.current(each, state.volts[each.nodes[0]] - state.volts[each.nodes[1]]))
+        for row in set(each.rows):
+            through[row] += amps
+    floor = _floor(state, max(through, default=0).bit_length() + state.unit_amps) + NEAR_FLOOR - state.unit_amps
+    rows = zip(state.net[:-1], through[:-1], strict=True)
+    return max((2 * abs(net) / amps for net, amps in rows if amps.bit_length() > floor), default=0.0)
+
+
+def _log_drops(state: IntegerState) -> NDArray[np.float64] | None:
+    """Return the natural logarithms of the drops from the high rail, (nodes,); None without two rails."""
+    rails, volts = state.system.rails, state.volts
+    if rails is None:
+        return None
+    high, low = state.units(rails.high), state.units(rails.low)
+    log_drops = np.full(len(volts), np.nan)
+    for node, held in enumerate((state.system.unknown < 0).tolist()):
+        drop = high - volts[node]
+        if drop == 0:
+            log_drops[node] = -np.inf
+        elif drop > 0 and not (held and volts[node] != low):
+            log_drops[node] = _log_ratio(drop, high - low)
+    log_drops[state.system.floating] = np.nan
+    return log_drops
+
+
+def _log_ratio(above: int, below: int) -> float:
+    """Return the natural logarithm of the quotient of two positive integers."""
+    if 2 * above > below:
+        return math.log1p((above - below) / below)
+    bits = below.bit_length() - above.bit_length()
+    return math.log((above << bits) / below) - bits * math.log(2.0)
+
+
+def _potentials(state: IntegerState) -> NDArray[np.float64] | None:
+    """Return the potentials, (nodes,): the voltages above the low or only rail over the largest one.
+
+    None unless two rails, or one rail and injected currents of one sign, drive the rows.
+    """
+    system, volts = state.system, state.volts
+    base, solved = state.units(system.reference), system.unknown >= 0
+    if system.rails is not None:
+        base = state.units(system.rails.low)
+        span = state.units(system.rails.high) - base
+    else:
+        injected = system.injected
+        if system.feed.any() or (np.any(injected < 0.0) and np.any(injected > 0.0)) or not injected.any():
+            return None
+        span = max((volts[node] - base for node in np.flatnonzero(solved).tolist()), key=abs, default=0)
+    if not span:
+        return None
+    potential = np.array([_quotient(level - base, span) for level in volts])
+    if system.rails is not None:
+        potential[~solved & ((potential < 0.0) | (potential > 1.0))] = np.nan
+    potential[system.floating] = np.nan
+    return potential
+
+
+def _quotient(above: int, below: int) -> float:
+    """Return the quotient of two integers as a double, infinite if it overflows."""
+    try:
+        return above / below
+    except OverflowError:
+        return np.inf if (above > 0) == (below > 0) else -np.inf

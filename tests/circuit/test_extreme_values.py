@@ -1,0 +1,107 @@
+"""Circuits with conductances, voltages and currents near the ends of the range of doubles.
+
+The reference solves the nodal equations in fractions.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Iterator
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+import resgrid as rg
+
+ULP = 5e-324
+OPTIONS = [(accuracy, method) for accuracy in ("direction", "normwise") for method in ("auto", "direct", "multigrid")]
+
+
+@pytest.fixture(autouse=True)
+def numeric_warnings_are_errors() -> Iterator[None]:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", RuntimeWarning)
+        yield
+
+
+def exact(netlist: rg.Netlist) -> list[Fraction]:
+    """Return the node voltages of a circuit of resistors and current sources, by Gaussian elimination in fractions."""
+    size = netlist.node_count - 1
+    rows = [[Fraction(0)] * (size + 1) for _ in range(size)]
+    for ends, siemens in zip(netlist.resistor_nodes.tolist(), netlist.conductance.tolist(), strict=True):
+        for i, j in (ends, ends[::-1]):
+            if i:
+                rows[i - 1][i - 1] += Fraction(siemens)
+                if j:
+                    rows[i - 1][j - 1] -= Fraction(siemens)
+    for (source, target), amps in zip(netlist.current_nodes.tolist(), netlist.current_amps.tolist(), strict=True):
+        for node, signed in ((source, -amps), (target, amps)):
+            if node:
+                rows[node - 1][size] += Fraction(signed)
+    for k in range(size):
+        pivot = next(row for row in range(k, size) if rows[row][k])
+        rows[k], rows[pivot] = rows[pivot], rows[k]
+        for row in range(size):
+            if row != k and (factor := rows[row][k] / rows[k][k]):
+                rows[row] = [a - factor * b for a, b in zip(rows[row], rows[k], strict=True)]
+    return [Fraction(0)] + [rows[k][size] / rows[k][k] for k in range(size)]
+
+
+@pytest.mark.parametrize(("accuracy", "method"), OPTIONS)
+@pytest.mark.parametrize("seed", range(12))
+def test_voltages_and_currents_of_extreme_circuits_are_exact(seed: int, accuracy: str, method: str) -> None:
+    rng = np.random.default_rng(seed)
+    nodes = int(rng.integers(3, 9))
+    tree = [[node, int(rng.integers(node))] for node in range(1, nodes)]
+    ends = tree + [rng.choice(nodes, 2, replace=False).tolist() for _ in range(nodes // 2)]
+    siemens = rng.choice([1e-120, 1e-60, 1e-12, 1.0, 1e60, 1e120], len(ends))
+    amps = rng.choice([1e-60, 1.0, -1e60], 2)
+    netlist = rg.Netlist(nodes, ends, siemens, current_nodes=[[0, nodes - 1], [1, 2]], current_amps=amps)
+    volts = exact(netlist)
+    falls = [volts[a] - volts[b] for a, b in ends]
+    currents = [float(Fraction(g) * fall) for g, fall in zip(siemens.tolist(), falls, strict=True)]
+    point = rg.solve(netlist, accuracy=accuracy, method=method)
+    np.testing.assert_allclose(point.voltage, [float(each) for each in volts], rtol=4e-16, atol=0)
+    np.testing.assert_allclose(point.resistor_current, currents, rtol=4e-16, atol=0)
+    heat = sum((Fraction(g) * fall * fall for g, fall in zip(siemens.tolist(), falls, strict=True)), Fraction(0))
+    assert point.power == pytest.approx(float(heat), rel=1e-15)
+    assert point.kcl_residual < 1e-12
+
+
+@pytest.mark.parametrize(("accuracy", "method"), OPTIONS)
+@pytest.mark.parametrize("siemens", [ULP, 1e-310, 1e-300, 1e300])
+def test_a_divider_of_extreme_resistors_halves_the_voltage(siemens: float, accuracy: str, method: str) -> None:
+    divider = rg.Netlist(3, [[1, 2], [2, 0]], [siemens, siemens], source_nodes=[[1, 0]], source_volts=[2.0])
+    point = rg.solve(divider, accuracy=accuracy, method=method)
+    assert point.voltage.tolist() == [0.0, 2.0, 1.0]
+    assert point.resistor_current.tolist() == [siemens, siemens]
+    assert point.source_current.tolist() == [-siemens]
+
+
+def test_a_current_through_a_subnormal_conductance_is_refused_only_if_the_voltage_overflows() -> None:
+    ladder = rg.Netlist(3, [[1, 0], [2, 1]], [1e-310, 1.0], current_nodes=[[0, 2]], current_amps=[1e-12])
+    assert rg.solve(ladder).voltage[1] == pytest.approx(float(Fraction(1e-12) / Fraction(1e-310)), rel=1e-15)
+    with pytest.raises(rg.CircuitError, match="a voltage exceeds"):
+        rg.solve(ladder.replace(current_amps=[1.0]))
+
+
+def test_a_known_voltage_is_exact_beside_subnormal_conductances() -> None:
+    """The current source drives its current through the voltage source alone."""
+    shorted = rg.Netlist(
+        3, [[2, 0], [1, 0]], [2e-308, 2e-308], source_nodes=[[0, 1]], source_volts=[-1e-310],
+        current_nodes=[[0, 1]], current_amps=[-1e-13],
+    )  # fmt: skip
+    point = rg.solve(shorted)
+    assert point.voltage.tolist() == [0.0, 1e-310, 0.0]
+    assert point.source_current.tolist() == [1e-13]
+
+
+def test_logarithms_of_currents_below_the_range_of_doubles_keep_their_digits() -> None:
+    weak = rg.Netlist(3, [[1, 2], [2, 0]], [1e-200, 1.0], source_nodes=[[1, 0]], source_volts=[1e-200])
+    point = rg.solve(weak)
+    np.testing.assert_allclose(point.resistor_log_current, -400 * math.log(10), rtol=1e-15)
+    assert point.resistor_direction.tolist() == [1, 1]
+    assert point.log_drop is not None
+    assert point.log_drop[2] == pytest.approx(-1e-200, rel=1e-12)
