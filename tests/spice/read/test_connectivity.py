@@ -186,8 +186,26 @@ def test_pairs_are_included_and_excluded() -> None:
     Path("pairs.txt").write_text("min 3\nmax 9\n0 1 2 4\n1 0 3 1\n2 3 0 9\n4 1 9 0\n")
     table = job(use_included_pairs=True, included_pairs_file="pairs.txt").resistance
     np.testing.assert_allclose(table, some)
+    Path("pairs.txt").write_text("mode exclude\n1 4\n")
+    assert job(use_included_pairs=True, included_pairs_file="pairs.txt").points.tolist() == [1, 4]
     Path("pairs.txt").write_text("mode include\n1 4\n")
     assert job(use_included_pairs=True, included_pairs_file="pairs.txt").points.tolist() == [1, 4]
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        ("0 1 2 2\n1 0 3 1\n2 3 0 9\n2 1 9 0\n", "two rows for the point 2"),
+        (
+            "0 1 4 2\n1 0 3 1\n2 3 0 9\n4 1 9 0\n",
+            "row 2 of the table belongs to the point 2, but column 2 to the point 4",
+        ),
+    ],
+)
+def test_tables_of_pairs_name_each_point_once(table: str, message: str) -> None:
+    Path("pairs.txt").write_text("min 3\nmax 9\n" + table)
+    with pytest.raises(rg.InputError, match=message):
+        job(use_included_pairs=True, included_pairs_file="pairs.txt")
 
 
 def test_lists_of_points_masks_and_unconnected_points() -> None:
