@@ -53,7 +53,7 @@ def numbers_of(path: Path, columns: int | None, *, skip: int = 0) -> NDArray[np.
         if not words:
             continue
         try:
-            row = [float(word) for word in words]
+            row = [float(word.replace("_", "?")) for word in words]  # float() would skip the mark
         except ValueError:
             raise InputError(f"{path}:{number}: {line.strip()[:80]!r} does not consist of numbers") from None
         count = columns or (len(rows[0]) if rows else len(row))
