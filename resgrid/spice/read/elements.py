@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -23,7 +22,7 @@ from resgrid.spice.read.cards import (
 )
 from resgrid.spice.read.element_tables import Elements
 from resgrid.spice.read.models import RESISTOR_KINDS, SWITCH_KINDS, modelled_resistor, modelled_switch
-from resgrid.spice.read.name_conflicts import refuse_hidden_model
+from resgrid.spice.read.name_conflicts import is_literal, refuse_hidden_model, refuse_model_as_key
 from resgrid.spice.read.nonlinear_resistors import read_nonlinear
 from resgrid.spice.read.scopes import Block, Model, Scope
 from resgrid.spice.read.temperature import (
@@ -282,7 +281,7 @@ def _model_and_value(
             )
         elif model is not None:
             raise card.error(token.offset, "two models are given: leave one out")
-        elif values and card.rules.models_first and not _is_literal(element.positional[0]):
+        elif values and card.rules.models_first and not is_literal(element.positional[0]):
             raise card.error(
                 token.offset,
                 f"{card.rules.name} ignores the model {token.text} after a value like this: write the model first",
@@ -291,16 +290,13 @@ def _model_and_value(
             model = named
             if card.text[0] in "rR":
                 refuse_hidden_model(card, token, scope.block)
+    if model is None and element.positional and element.pairs:
+        refuse_model_as_key(card, element.pairs[0], scope.block)
     values += [element.keys[key][0] for key in keys if key in element.keys]
     if len(values) > 1 and quantity:
         offset = element.positional[-1].offset if element.positional else None
         raise card.error(offset, f"more than one {quantity} is given: leave one out")
     return model, values[0] if values else None
-
-
-def _is_literal(token: Token) -> bool:
-    """Return whether a token is a word that begins with a digit, perhaps after a sign."""
-    return token.kind == "word" and re.match(r"[+-]?\d", token.text) is not None
 
 
 def _read_source(kind: str, card: Card, scope: Scope, elements: Elements) -> None:

@@ -2,26 +2,40 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 
 from resgrid.errors import InputError
 from resgrid.spice.dialects import DIALECTS
-from resgrid.spice.read.cards import Card, Token
+from resgrid.spice.read.cards import Card, Setting, Token
 from resgrid.spice.read.diagnostics import Diagnostics
 from resgrid.spice.read.scopes import Block, Scope
 
 
 def refuse_hidden_model(card: Card, token: Token, block: Block) -> None:
-    """Raise CardError if the dialect's simulator replaces the name of a model by the value of a parameter.
+    """Raise CardError if the dialect's simulator takes the name of a model for a parameter or a number.
 
     `card`: card of a resistor; `token`: its token with the name of the model; `block`: the block of the card.
     """
-    if card.rules.parameters_first and _is_parameter(token.text, block):
-        raise card.error(
-            token.offset,
-            f"{card.rules.name} takes {token.text} for the parameter of this name, and not for the model: "
-            "rename one of them",
-        )
+    if not card.rules.parameters_first:
+        return
+    if _is_parameter(token.text, block):
+        text = f"{token.text} for the parameter of this name, and not for the model: rename one of them"
+    elif is_literal(token):
+        text = f"{token.text} for a number, and not for the name of a model: rename the model"
+    else:
+        return
+    raise card.error(token.offset, f"{card.rules.name} takes {text}")
+
+
+def refuse_model_as_key(card: Card, pair: Setting, block: Block) -> None:
+    """Raise CardError if the dialect's simulator takes the first key after a value for the name of a model.
+
+    `card`: card of an element without a model; `pair`: its first ``key=value`` pair; `block`: the block of the card.
+    """
+    if card.rules.parameters_first and block.model(pair.key) is not None:
+        text = f"{card.rules.name} takes {pair.key} for the model of this name, and not for a key: rename the model"
+        raise card.error(pair.offset, text)
 
 
 def note_hidden_word(card: Card, token: Token, scope: Scope) -> None:
@@ -95,3 +109,8 @@ def note_blank(card: Card, name: str, offset: int, diagnostics: Diagnostics) -> 
     else:
         text = f"it is not known here whether {rules.name} reads the blank in the quoted name {name}"
         diagnostics.warn_ignored(card.spot(offset), text)
+
+
+def is_literal(token: Token) -> bool:
+    """Return whether a token is a word that begins with a digit, perhaps after a sign."""
+    return token.kind == "word" and re.match(r"[+-]?\d", token.text) is not None

@@ -22,6 +22,11 @@ REJECTED = {
     "model and parameter": (".param rm=2k\n" + MODEL + "R1 in a rm", ":5:9: ngspice takes rm for the parameter"),
     "model after a value": (".param rm=2k\n" + MODEL + "R1 in a 5k rm", ":5:12: ngspice takes rm for the parameter"),
     "model and argument": (".subckt s p q RM=2k\n" + MODEL + "R1 p q rm\n.ends\nX1 in a s", ":5:8: ngspice takes rm"),
+    "a model called like a key": (
+        ".model m r r=3k\nR1 in a m\nR3 in a 500 m=2",
+        ":5:13: ngspice takes m for the model of this name",
+    ),
+    "a model called like a number": (".model 1k r r=3k\nR1 in a 1k", ":4:9: ngspice takes 1k for a number"),
     "a comma after the subcircuit": (CELL + "X1 in a s ,r=3k", ":6:9: ngspice misreads a comma"),
     "a comma before the subcircuit": (CELL + "X1 in a,s", ":6:9: ngspice misreads a comma"),
     "a form feed": ("R1 in a 1k\n \fR3 a 0 1k", ":4:2: a form feed or vertical tab begins this line"),
@@ -37,6 +42,7 @@ EQUAL = {
     "a parameter of another subcircuit": (
         ".subckt s p q rm=2k\nR1 p q {rm}\n.ends\n" + MODEL + "R1 in a rm\nX1 a 0 s", 1.0 / (1.0 + 3.0 * (1 + 0.5))
     ),
+    "a key that is no model's name": (".model m r r=3k\nR1 in a m\nR3 in a 500 tc1=1 m=2", 1 / (1 + 3 / 13)),
     "a form feed alone": ("\f\nR1 in a 1k", 0.5),
     "commas between nodes": (CELL + "X1 in, a s r=1k", 0.5),
     "blanks after a parenthesis": (".param v=1\nV2 b 0 pulse( v 5 0 1n 1n 1u 2u)\nR1 b a 1k", 0.5),
