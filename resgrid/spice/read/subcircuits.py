@@ -300,6 +300,9 @@ class Expander:
             effect = f"replaces that of {own[0].split()[0]}" if own else f"does not reach {deep[0].split()[0]}"
             text = f"in {dialect} this m= {effect}: use {instance.block.name} several times instead"
             raise instance.card.error(setting.offset, text)
+        if instance.block.model("m") is not None:
+            text = f"in {dialect} this m= is also the model m inside of {instance.block.name}: rename the model"
+            raise instance.card.error(setting.offset, text)
         if "m" in instance.block.parameters or scope.parameter("m") is not None:
             text = f"in {dialect} this m= also changes the parameter m: rename the parameter"
             raise instance.card.error(setting.offset, text)

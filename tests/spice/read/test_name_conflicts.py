@@ -26,6 +26,7 @@ REJECTED = {
         ".model m r r=3k\nR1 in a m\nR3 in a 500 m=2",
         ":5:13: ngspice takes m for the model of this name",
     ),
+    "a model called m and a multiplier": (".model m r r=3k\n" + CELL + "X1 in a s m=2", ":7:11: in ngspice this m= is"),
     "a model called like a number": (".model 1k r r=3k\nR1 in a 1k", ":4:9: ngspice takes 1k for a number"),
     "a comma after the subcircuit": (CELL + "X1 in a s ,r=3k", ":6:9: ngspice misreads a comma"),
     "a comma before the subcircuit": (CELL + "X1 in a,s", ":6:9: ngspice misreads a comma"),
