@@ -345,6 +345,10 @@ class Collector:
                 inside = False
             elif words[0] == begin and len(words) == 2 and not inside:
                 inside = words[1].strip("'\"") == section
+                if inside and exists and self.contents.rules.first_counts:
+                    text = f"the section {section} is defined again, and {card.rules.name} reads only the first one"
+                    self.contents.diagnostics.warn(card.spot(), text)
+                    inside = False
                 exists |= inside
                 opening = card
             elif inside:

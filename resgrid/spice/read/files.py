@@ -90,12 +90,15 @@ class Library:
         )
 
     def _refuse_two(self, file: str, path: Path) -> None:
-        """Raise InputError if the deck's folder holds another file of this name; `path`: the path of the included file.
+        """Raise InputError if the deck's folder holds a different file of this name.
 
-        `file`: name in the include statement.
+        `file`: name in the include statement; `path`: path of the included file.
         """
         deck = self.sources[0].path
-        if deck is not None and (other := resolve(deck.parent / file, file)) != path and _exists(other):
+        if deck is None:
+            return
+        other = resolve(deck.parent / file, file)
+        if other != path and _exists(other) and deck_bytes(other, file) != deck_bytes(path, file):
             raise InputError(
                 f"{file!r} exists in {str(deck.parent)!r} and in {str(path.parent)!r}, and the folder in which the "
                 "simulator is started decides between them: rename one, or write its path"

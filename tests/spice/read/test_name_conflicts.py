@@ -106,11 +106,23 @@ def test_an_include_file_in_two_folders_is_rejected(tmp_path: Path) -> None:
     (tmp_path / "inner" / "first.inc").write_text(".include second.inc\n")
     (tmp_path / "inner" / "second.inc").write_text("R1 in a 3k\n")
     assert voltage(rg.read_spice(deck)) == pytest.approx(0.25)
+    (tmp_path / "second.inc").write_text("R1 in a 3k\n")
+    assert voltage(rg.read_spice(deck)) == pytest.approx(0.25)
     (tmp_path / "second.inc").write_text("R1 in a 1k\n")
     with pytest.raises(rg.InputError, match=r"first\.inc:1:1: 'second\.inc' exists in"):
         rg.read_spice(deck)
     (tmp_path / "inner" / "first.inc").write_text(".include inner/second.inc\n")
     assert voltage(rg.read_spice(deck)) == pytest.approx(0.25)
+
+
+def test_only_the_first_of_two_sections_is_read_in_ngspice(tmp_path: Path) -> None:
+    deck = tmp_path / "deck.cir"
+    deck.write_text(HEAD + ".lib a.lib tt\nR1 in a {p}" + TAIL)
+    (tmp_path / "a.lib").write_text(".lib tt\n.param p=3k\n.endl\n.lib tt\n.param p=1k\n.endl\n")
+    circuit = rg.read_spice(deck)
+    assert voltage(circuit) == pytest.approx(0.25)
+    assert any("the section tt is defined again" in note.text for note in circuit.notes)
+    assert rg.check_deck(deck).agrees
 
 
 @pytest.mark.parametrize(
