@@ -95,10 +95,11 @@ class Library:
         `file`: name in the include statement; `path`: path of the included file.
         """
         deck = self.sources[0].path
-        if deck is None:
+        if deck is None or self.root is None:
             return
         other = resolve(deck.parent / file, file)
-        if other != path and _exists(other) and deck_bytes(other, file) != deck_bytes(path, file):
+        is_other = other != path and other.is_relative_to(self.root) and _exists(other)
+        if is_other and deck_bytes(other, file) != deck_bytes(path, file):
             raise InputError(
                 f"{file!r} exists in {str(deck.parent)!r} and in {str(path.parent)!r}, and the folder in which the "
                 "simulator is started decides between them: rename one, or write its path"
