@@ -44,6 +44,16 @@ def test_a_current_source_injects_into_its_second_node(tmp_path: Path) -> None:
     assert simulation.version[0].isdigit()
 
 
+@pytest.mark.parametrize("name", ["time", "frequency", "temp-sweep", "onoise_spectrum"])
+def test_nodes_with_the_names_of_other_quantities_are_compared(tmp_path: Path, name: str) -> None:
+    deck = tmp_path / "deck.cir"
+    deck.write_text(f"title\nV1 in 0 1\nR1 in {name} 1k\nR2 {name} 0 3k\n.end\n")
+    agreement = rg.check_deck(deck)
+    assert (agreement.agrees, agreement.nodes) == (True, 2)
+    deck.write_text(f"title\nI1 0 {name} 1\nR1 0 {name} 2\n.end\n")
+    assert rg.check_deck(deck).agrees
+
+
 def test_temperature_coefficients_have_no_effect_at_the_nominal_one() -> None:
     netlist = ladder(2).replace(tc1=[1e-2, 0, 0], tc2=[1e-4, 0, 0])
     assert simulate(flatten(netlist).text.encode()).voltage == simulate(flatten(ladder(2)).text.encode()).voltage

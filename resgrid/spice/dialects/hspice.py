@@ -15,17 +15,8 @@
 
 from __future__ import annotations
 
-from resgrid.spice.dialects.record import (
-    FUNCTIONS,
-    LTSPICE_COMMANDS,
-    SUFFIXES,
-    Dialect,
-    Quirks,
-    ReadingRules,
-    Refusals,
-    Statements,
-    Words,
-)
+from resgrid.spice.dialects.record import FUNCTIONS, SUFFIXES, Dialect, Quirks, ReadingRules, Statements, Words
+from resgrid.spice.dialects.refusals import LTSPICE_COMMANDS, Refusals
 
 _WORDS = Words(
     functions=frozenset(
@@ -81,6 +72,7 @@ HSPICE = Dialect(
         lengths_twice=True,
         refused_elements={"s": "an S element, which HSPICE reads as scattering parameters"},
         holds_initial=True,
+        outer_parameters_win=True,
         inductor_keys=frozenset({"r"}),
         words=_WORDS,
         refusals=Refusals(foreign_commands=LTSPICE_COMMANDS | {".step"}, blank_names="unsure", letters="unsure"),

@@ -17,7 +17,8 @@ from __future__ import annotations
 
 import math
 
-from resgrid.spice.dialects.record import ARCS, FUNCTIONS, Dialect, Quirks, ReadingRules, Refusals, Statements, Words
+from resgrid.spice.dialects.record import ARCS, FUNCTIONS, Dialect, Quirks, ReadingRules, Statements, Words
+from resgrid.spice.dialects.refusals import Refusals
 
 _WORDS = Words(
     functions=frozenset(

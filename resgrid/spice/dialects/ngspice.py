@@ -56,17 +56,8 @@ KLU, as has ``eecircuit``, its WebAssembly build.
 
 from __future__ import annotations
 
-from resgrid.spice.dialects.record import (
-    FUNCTIONS,
-    SUFFIXES,
-    Costs,
-    Dialect,
-    Quirks,
-    ReadingRules,
-    Refusals,
-    Statements,
-    Words,
-)
+from resgrid.spice.dialects.record import FUNCTIONS, SUFFIXES, Costs, Dialect, Quirks, ReadingRules, Statements, Words
+from resgrid.spice.dialects.refusals import Refusals
 
 _WORDS = Words(
     functions=frozenset(
@@ -103,10 +94,12 @@ _REFUSALS = Refusals(
         """.split()  # noqa: SIM905
     ),
     blank_names="fails",
-    encodings=frozenset({"latin-1", "utf-16", "cr"}),
+    encodings=frozenset({"bom", "latin-1", "utf-16", "cr"}),
     commas=True,
     idle_parameters=True,
     redefinitions=True,
+    glued_names=True,
+    loose_libraries=True,
     keys={
         "r": frozenset({"ic", "isnoisy", "temp_ac"}),
         "c": frozenset({"ac", "isnoisy", "noise", "noisy", "temp_ac"}),
@@ -199,6 +192,7 @@ NGSPICE = Dialect(
         braced_temperatures=True,
         sheet_first=True,
         models_first=True,
+        parameters_first=True,
         ignored_model_keys={"defl": "l", "dl": "short", "tref": "tnom"},
         spaced_lists=True,
         scale_key=True,

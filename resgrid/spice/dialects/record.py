@@ -18,6 +18,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
+from resgrid.spice.dialects.refusals import Refusals
+
 Basis = Literal["measured", "documented"]
 
 GROUND_NAME = "0"
@@ -119,52 +121,6 @@ class Words:
 
 
 @dataclass(frozen=True, eq=False)
-class Refusals:
-    """Text that resgrid can read, but that stops the simulator (``"fails"``) or may stop it (``"unsure"``).
-
-    The consequence ``""`` means that the simulator reads the text, too.
-
-    Attributes
-    ----------
-    commands : frozenset of str
-        Commands (first words of a line) that end the run.
-    foreign_commands : frozenset of str
-        Commands that are not in the simulator's manual.
-    blank_names : {"", "fails", "unsure"}
-        Consequence of a blank in a quoted name.
-    letters : {"", "unsure"}
-        Consequence of non-ASCII letters.
-    encodings : frozenset of str
-        Encodings of files that end the run: ``"latin-1"``, ``"utf-16"``, ``"cr"`` (carriage returns between lines).
-    commas : bool
-        Whether the simulator hangs at a comma directly after a value and before the next name.
-    idle_parameters : bool
-        Whether a parameter without a value ends the run even if no expression refers to it.
-    redefinitions : bool
-        Whether the run may end where a parameter is defined twice.
-    keys : mapping of str to frozenset of str
-        Keys (``key=value``) of an element that end the run, by the first letter of the element.
-    commands_in_comments : bytes
-        Regular expression of comments that the simulator executes as commands and resgrid ignores; empty for none.
-    """
-
-    commands: frozenset[str] = frozenset()
-    foreign_commands: frozenset[str] = frozenset()
-    blank_names: Literal["", "fails", "unsure"] = ""
-    letters: Literal["", "unsure"] = ""
-    encodings: frozenset[str] = frozenset()
-    commas: bool = False
-    idle_parameters: bool = False
-    redefinitions: bool = False
-    keys: Mapping[str, frozenset[str]] = field(default_factory=dict)
-    commands_in_comments: bytes = b""
-
-
-LTSPICE_COMMANDS = frozenset({".backanno", ".loadbias", ".machine", ".savebias", ".wave"})
-"""Commands (first words of a line) that LTspice has and the other simulators do not have."""
-
-
-@dataclass(frozen=True, eq=False)
 class ReadingRules:
     """Rules for reading decks of one dialect.
 
@@ -187,6 +143,8 @@ class ReadingRules:
     overrides ``.option temp`` regardless of their order; `braced_temperatures`: whether a temperature must be a number
     or an expression in braces; `sheet_first`: whether a model's ``rsh`` overrides ``r``, even without length and width;
     `models_first`: whether a model's name is ignored after a value that does not begin with a digit;
+    `parameters_first`: whether a parameter replaces the name of a model or subcircuit; `outer_parameters_win`: whether
+    a parameter of a subcircuit has the value of the highest level that defines one of its name;
     `ignored_model_keys`: parameters of resistor models that only other dialects apply, with the replacement to suggest
     (empty: this dialect applies the parameter, but resgrid does not); `spaced_lists`: whether the values of ``tc=`` are
     separated by blanks, without parentheses; `scale_key`: whether ``scale=`` of a resistor is applied;
@@ -227,6 +185,8 @@ class ReadingRules:
     braced_temperatures: bool = False
     sheet_first: bool = False
     models_first: bool = False
+    parameters_first: bool = False
+    outer_parameters_win: bool = False
     ignored_model_keys: Mapping[str, str] = field(default_factory=dict)
     spaced_lists: bool = False
     scale_key: bool = False

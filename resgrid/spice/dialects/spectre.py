@@ -16,7 +16,8 @@ from __future__ import annotations
 
 import math
 
-from resgrid.spice.dialects.record import LTSPICE_COMMANDS, Dialect, Quirks, ReadingRules, Refusals, Statements, Words
+from resgrid.spice.dialects.record import Dialect, Quirks, ReadingRules, Statements, Words
+from resgrid.spice.dialects.refusals import LTSPICE_COMMANDS, Refusals
 
 _RESERVED = frozenset(
     """

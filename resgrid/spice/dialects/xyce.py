@@ -13,18 +13,8 @@ from __future__ import annotations
 
 import math
 
-from resgrid.spice.dialects.record import (
-    ARCS,
-    FUNCTIONS,
-    LTSPICE_COMMANDS,
-    SUFFIXES,
-    Dialect,
-    Quirks,
-    ReadingRules,
-    Refusals,
-    Statements,
-    Words,
-)
+from resgrid.spice.dialects.record import ARCS, FUNCTIONS, SUFFIXES, Dialect, Quirks, ReadingRules, Statements, Words
+from resgrid.spice.dialects.refusals import LTSPICE_COMMANDS, Refusals
 
 _VARIABLES = {
     "time": "the time",

@@ -59,14 +59,22 @@ def read_ascii_grid(path: Path) -> Raster:
     if len(set(keys)) < len(keys):
         twice = next(key for key in keys if keys.count(key) > 1)
         raise InputError(f"{path}: its header gives {twice} twice; remove one of the lines")
+    values = words[1 : 2 * len(keys) : 2] + words[2 * len(keys) :]
     try:
-        numbers = np.array(words[1 : 2 * len(keys) : 2] + words[2 * len(keys) :], dtype=np.float64)
+        if text.count("_") > sum(key.count("_") for key in keys):  # float() would skip the mark
+            raise ValueError(f"found {next(word for word in values if '_' in word)!r}")
+        numbers = np.array(values, dtype=np.float64)
     except ValueError as error:
         raise InputError(f"{path}: a cell or a value of the header is not a number ({error})") from None
     header = dict(zip(keys, numbers.tolist(), strict=False))
     rows, columns = (header.get(key, 0.0) for key in ("nrows", "ncols"))
     if not (rows >= 1 and columns >= 1 and rows.is_integer() and columns.is_integer()):
         raise InputError(f"{path}: the header must give nrows and ncols, whole numbers of at least 1")
+    misplaced = next((key for key in (*_ORIGIN, "cellsize", "dx") if not np.isfinite(header.get(key, 0.0))), None)
+    if misplaced is not None or min(header.get("cellsize", 1.0), header.get("dx", 1.0)) <= 0:
+        key = misplaced or ("cellsize" if "cellsize" in header else "dx")
+        bound = "a finite number" if key in _ORIGIN else "a positive, finite number"
+        raise InputError(f"{path}: the header gives {key} {header[key]:g}; it must be {bound}")
     if header.get("dx") != header.get("dy"):
         sizes = " x ".join(f"{header.get(key, float('nan')):g}" for key in ("dx", "dy"))
         raise InputError(f"{path}: its cells are {sizes}; Circuitscape's cells are square: resample the grid")

@@ -41,6 +41,8 @@ _HEADINGS = {
     "conductance": re.compile(r"conductances?|siemens"),
 }
 """Patterns of the words in a heading that state a quantity, by the name of the quantity."""
+_OTHER_UNIT = re.compile(r"(?i:.*(conduct|siemens|mho|(kilo|mega|milli|micro|[kmgunµμ])_?(ohm|Ω)).*)|.*[kmunµμ][SA]")
+"""Pattern of words in a heading whose numbers are not in ohms, siemens or amperes, such as ``kohm`` and ``mS``."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -243,6 +245,11 @@ def _read_table(path: str | os.PathLike[str], columns: int, entry: str) -> EdgeT
         if len(words) != columns + 1 or not _NUMBER.fullmatch(words[-1]):
             if not names and heading is None and len(words) == columns + 1 and words[-1][0] not in _DIGITS:
                 heading = words[-1]
+                if _measure_of(heading) is None and _OTHER_UNIT.fullmatch(heading):
+                    raise InputError(
+                        f"{source}:{number}: the unit in the heading {heading!r} is not read; write numbers in ohms, "
+                        "siemens or amperes, and 'ohms', 'siemens' or 'amperes' in the heading"
+                    )
                 continue
             nodes = "two nodes" if columns == 2 else "a node"
             article = "an" if entry[0] in "aeiou" else "a"

@@ -53,7 +53,7 @@ def numbers_of(path: Path, columns: int | None, *, skip: int = 0) -> NDArray[np.
         if not words:
             continue
         try:
-            row = [float(word) for word in words]
+            row = [float(word.replace("_", "?")) for word in words]  # float() would skip the mark
         except ValueError:
             raise InputError(f"{path}:{number}: {line.strip()[:80]!r} does not consist of numbers") from None
         count = columns or (len(rows[0]) if rows else len(row))
@@ -139,6 +139,7 @@ def allowed_pairs(job: Configuration, ids: NDArray[np.int64]) -> tuple[NDArray[n
         named, value = whole_numbers(path, table[1:, 0]), table[1:, 1:]
         if value.shape != (len(named), len(named)):
             raise InputError(f"{path}: the table has {value.shape[0]} rows and {value.shape[1]} columns of values")
+        _check_heading(path, named, table[0, 1:])
         within = (value >= least) & (value <= most)
         included = within | within.T
         order = np.argsort(named)
@@ -149,6 +150,23 @@ def allowed_pairs(job: Configuration, ids: NDArray[np.int64]) -> tuple[NDArray[n
     if np.count_nonzero(kept) < 2:
         raise InputError(f"{path}: fewer than two of its points are focal points; correct the numbers")
     return named[kept], included[np.ix_(kept, kept)] & ~np.eye(int(kept.sum()), dtype=np.bool_)
+
+
+def _check_heading(path: Path, rows: NDArray[np.int64], columns: NDArray[np.float64]) -> None:
+    """Raise InputError unless a table of pairs has different numbers, and the same ones in its rows and columns.
+
+    `path`: the file; `rows, columns` (k,): numbers of the points at the beginning of the rows and of the columns.
+    """
+    numbers, counts = np.unique(rows, return_counts=True)
+    if (counts > 1).any():
+        raise InputError(f"{path}: the table has two rows for the point {numbers[counts > 1][0]}; delete one of them")
+    different = np.flatnonzero(rows != columns)
+    if different.size:
+        first = int(different[0])
+        raise InputError(
+            f"{path}: row {first + 1} of the table belongs to the point {rows[first]}, but column {first + 1} to the "
+            f"point {columns[first]:g}; write the points in the same order"
+        )
 
 
 def strengths_of(job: Configuration, ids: NDArray[np.int64]) -> NDArray[np.float64]:

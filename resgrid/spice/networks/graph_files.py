@@ -91,13 +91,18 @@ def _read_graphml(path: Path) -> Netlist:
 
 
 def _read_json(path: Path) -> Netlist:
-    """Return the netlist of a JSON file in node-link form; raise InputError for other JSON."""
+    """Return the netlist of a JSON file in node-link form; raise InputError for other JSON.
+
+    The edges are under the key ``edges`` or ``links``, which networkx wrote by default before version 3.6.
+    """
     import networkx as nx
 
     content = json.loads(path.read_bytes())
-    if not isinstance(content, dict) or not {"nodes", "edges"} <= content.keys():
-        raise InputError("not a graph in node-link form: the keys nodes and edges are missing")
-    return _netlist_of(nx.node_link_graph(content, edges="edges"))
+    keys = content.keys() if isinstance(content, dict) else set()
+    missing = [name for name in ("nodes", "edges") if name not in keys and (name == "nodes" or "links" not in keys)]
+    if missing:
+        raise InputError(f"not a graph in node-link form: the key {' and the key '.join(missing)} is missing")
+    return _netlist_of(nx.node_link_graph(content, edges="edges" if "edges" in keys else "links"))
 
 
 def _netlist_of(graph: nx.Graph[Any]) -> Netlist:

@@ -75,6 +75,9 @@ def cards(lines: Iterable[Line], source: SourceFile, rules: ReadingRules, diagno
             glued = glued and not language.instances  # Spectre's mark joins the next line, and there is nothing on it
             continue
         column = len(text) - len(text.lstrip()) + 1
+        if text.lstrip(" \t")[0] in "\f\v":
+            words = "a form feed or vertical tab begins this line, which ngspice then skips or rejects: remove it"
+            diagnostics.error(CardError(Spot(source.name, number, column - 1), words))
         if not text.isascii():
             _check_letters(text.rstrip(" \t"), Spot(source.name, number), source, language, diagnostics)
         change = _LANGUAGE.fullmatch(text) if rules.spice is not None and not glued else None

@@ -45,6 +45,13 @@ _STATEMENTS = frozenset((*COMMANDS, *_ANALYSES, *_OUTPUTS, *_INCLUSIONS, *_HINTS
 _LOOKED_AT = 200
 """Number of bytes after the first line that are searched for a ``+``, which continues the first line."""
 
+_FORMS = {
+    "utf-16": "UTF-16",
+    "cr": "lines that end in carriage returns alone",
+    "bom": "a byte order mark at the beginning of an included file",
+}
+"""Descriptions of unusual files, by the property that `resgrid.spice.read.files.oddities_of` reports."""
+
 _ELEMENT_LETTERS = frozenset("rvilcsxRVILCSX")
 
 
@@ -71,7 +78,7 @@ class Collector:
 
         The first line is the title unless it may be a command or an element.
         """
-        self._note_encoding(source)
+        self._note_encoding(source, begins=False)
         start = source.data.index(b"\n") + 1
         line = decode(source.data[:start])
         continued = source.data[start : start + _LOOKED_AT].lstrip(b" \t\n")[:1] == b"+"
@@ -90,15 +97,15 @@ class Collector:
         self._take(stream, source)
         self._including.pop()
 
-    def _note_encoding(self, source: SourceFile) -> None:
+    def _note_encoding(self, source: SourceFile, *, begins: bool) -> None:
         """Add warnings about encodings, line ends and comments that the dialect's simulator treats differently.
 
-        `source`: the file to examine.
+        `source`: the file to examine; `begins`: whether its first line is read, and is not a title.
         """
         rules = self.contents.rules
-        for oddity in sorted(source.oddities & rules.refusals.encodings):
-            form = "UTF-16" if oddity == "utf-16" else "lines that end in carriage returns alone"
-            text = f"{rules.name} does not read {form}: save the file as UTF-8 with line feeds"
+        harmless = set[str]() if begins else {"bom"}
+        for oddity in sorted(source.oddities & rules.refusals.encodings - harmless):
+            text = f"{rules.name} does not read {_FORMS[oddity]}: save the file as UTF-8 with line feeds"
             self.contents.diagnostics.refuse(Spot(source.name, 1), text)
         commands = rules.refusals.commands_in_comments
         found = re.search(commands, source.data, re.MULTILINE) if commands else None
@@ -289,10 +296,12 @@ class Collector:
         if len(words) != 1:
             more = " and perhaps a section" if word == ".lib" else ""
             raise card.error(0, f"{spectre.command_of(card, word)} needs the name of one file{more}")
-        if word == ".lib" and section is None and b".endl" in source.data.lower():
-            self._skip(card, stream, ".endl")  # a section that is defined here, and not included
-            return
-        path, name = self.library.find(words[0].text, source)
+        if word == ".lib" and section is None:
+            self._note_library(card, "without the name of a section")
+            if b".endl" in source.data.lower():
+                self._skip(card, stream, ".endl")  # a section that is defined here, and not included
+                return
+        path, name = self.library.find(words[0].text, source, starts=card.rules.parameters_first)
         if any(other.path == path and part in (None, section) for other, part in self._including):
             circle = " -> ".join([other.name for other, _ in self._including] + [name])
             raise card.error(words[0].offset, f"files include each other in a cycle: {circle}")
@@ -304,7 +313,7 @@ class Collector:
                 f"{card.spot(words[0].offset)}: more than {MAX_INCLUSIONS:,} files are included; include each file once"
             )
         inner = self.library.open(path, name)
-        self._note_encoding(inner)
+        self._note_encoding(inner, begins=section is None or inner.data[:4].lower() == b".lib")
         if section is None:
             included = self._cards(self._lines(inner, 0), inner)
         else:
@@ -315,6 +324,12 @@ class Collector:
         finally:
             self._including.pop()
 
+    def _note_library(self, card: Card, form: str) -> None:
+        """Add a warning about a ``.lib`` card at which the dialect's simulator stops; `form`: its form, as text."""
+        if card.rules.refusals.loose_libraries:
+            text = f"{card.rules.name} stops at .lib {form}"
+            self.contents.diagnostics.refuse(card.spot(), text)
+
     def _section(self, source: SourceFile, section: str, asked: Spot) -> Iterator[Card]:
         """Yield the cards of a library section: those between ``.lib section`` and ``.endl`` (Spectre: ``endsection``).
 
@@ -323,15 +338,23 @@ class Collector:
         """
         begin, end = ("section", "endsection") if self.contents.rules.instances else (".lib", ".endl")
         inside = exists = False
+        opening: Card | None = None
         for card in self._cards(plain_lines(source.data, 0), source):
             words = card.text.lower().split()
             if words[0] == end:
                 inside = False
             elif words[0] == begin and len(words) == 2 and not inside:
                 inside = words[1].strip("'\"") == section
+                if inside and exists and self.contents.rules.first_counts:
+                    text = f"the section {section} is defined again, and {card.rules.name} reads only the first one"
+                    self.contents.diagnostics.warn(card.spot(), text)
+                    inside = False
                 exists |= inside
+                opening = card
             elif inside:
                 yield card
+        if inside and opening is not None:
+            self._note_library(opening, f"{section} without {end}")
         if not exists:
             self.contents.diagnostics.error(CardError(asked, f"{source.name} has no section {section!r}"))
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -23,9 +22,16 @@ from resgrid.spice.read.cards import (
 )
 from resgrid.spice.read.element_tables import Elements
 from resgrid.spice.read.models import RESISTOR_KINDS, SWITCH_KINDS, modelled_resistor, modelled_switch
+from resgrid.spice.read.name_conflicts import is_literal, refuse_hidden_model, refuse_model_as_key
 from resgrid.spice.read.nonlinear_resistors import read_nonlinear
 from resgrid.spice.read.scopes import Block, Model, Scope
-from resgrid.spice.read.temperature import refuse_dropped, refuse_temperature, refuse_unsupported
+from resgrid.spice.read.temperature import (
+    note_bare,
+    refuse_dropped,
+    refuse_temperature,
+    refuse_unspaced,
+    refuse_unsupported,
+)
 from resgrid.spice.read.waveforms import SourceValue, source_value
 
 REFUSED = {
@@ -128,6 +134,8 @@ def read_nodes(card: Card, tokens: list[Token], count: int) -> tuple[list[str], 
         i += 1
     if len(names) < count:
         raise card.error(None, f"{tokens[0].text} has {len(names)} node(s); it needs {count}")
+    if sum(token.is_mark("(") for token in tokens[1:i]) != sum(token.is_mark(")") for token in tokens[1 : i + 1]):
+        raise card.error(tokens[1].offset, "the parentheses around the nodes do not match: write one pair, or none")
     return names, tokens[i + (i < len(tokens) and tokens[i].is_mark(")")) :]
 
 
@@ -211,8 +219,9 @@ def _read_resistor(card: Card, scope: Scope, elements: Elements) -> None:
     refuse_unsupported(card, use, ohms)
     parts = {*element.keys, *(["model"] if model is not None else [])}
     refuse_dropped(card, use, parts, element.nodes, elements.nominal)
+    note_bare(card, use, element.positional, scope.diagnostics)
     if card.rules.spaced_lists:
-        _refuse_unspaced(card, element.pairs)
+        refuse_unspaced(card, element.pairs)
     first, second, nominal, exponential = 0.0, 0.0, math.nan, 0.0
     if model is not None:
         length, width = (element.keys[key][0] if key in element.keys else None for key in ("l", "w"))
@@ -250,19 +259,6 @@ def _read_resistor(card: Card, scope: Scope, elements: Elements) -> None:
     elements.add("resistor", element.name, element.nodes, (ohms, first, second), card)
 
 
-def _refuse_unspaced(card: Card, pairs: list[Setting]) -> None:
-    """Raise CardError if a list of values in `pairs` is one that the dialect's simulator misreads.
-
-    Such a list is in parentheses, without blanks, or has a second value that begins with a point.
-    """
-    for first, second in (pair.values[:2] for pair in pairs if len(pair.values) > 1):
-        gap = card.text[first.offset + len(first.text) : second.offset].strip("{}'")
-        bracketed = card.text[: first.offset].rstrip(" {'").endswith("(")
-        parted = gap.isspace() or (first.kind == "word" and gap[0] == "," and gap[1:].isspace())
-        if bracketed or second.text[0] == "." or not parted:
-            raise card.error(first.offset, f"{card.rules.name} misreads or rejects this list: write tc1=... tc2=...")
-
-
 def _model_and_value(
     element: Element, scope: Scope, kinds: frozenset[str], quantity: str, *keys: str
 ) -> tuple[Model | None, float | None]:
@@ -285,23 +281,22 @@ def _model_and_value(
             )
         elif model is not None:
             raise card.error(token.offset, "two models are given: leave one out")
-        elif values and card.rules.models_first and not _is_literal(element.positional[0]):
+        elif values and card.rules.models_first and not is_literal(element.positional[0]):
             raise card.error(
                 token.offset,
                 f"{card.rules.name} ignores the model {token.text} after a value like this: write the model first",
             )
         else:
             model = named
+            if card.text[0] in "rR":
+                refuse_hidden_model(card, token, scope.block)
+    if model is None and element.positional and element.pairs:
+        refuse_model_as_key(card, element.pairs[0], scope.block)
     values += [element.keys[key][0] for key in keys if key in element.keys]
     if len(values) > 1 and quantity:
         offset = element.positional[-1].offset if element.positional else None
         raise card.error(offset, f"more than one {quantity} is given: leave one out")
     return model, values[0] if values else None
-
-
-def _is_literal(token: Token) -> bool:
-    """Return whether a token is a word that begins with a digit, perhaps after a sign."""
-    return token.kind == "word" and re.match(r"[+-]?\d", token.text) is not None
 
 
 def _read_source(kind: str, card: Card, scope: Scope, elements: Elements) -> None:

@@ -28,7 +28,7 @@ class SourceFile:
 
     `number`: index among the files of the deck; `name`: name for messages; `path`: path with links resolved, None for
     text without a file; `data`: UTF-8 or Latin-1 text without byte order mark, with LF line ends and a final one;
-    `oddities`: unusual properties of the original file, ``"utf-16"`` or ``"cr"`` (carriage returns as line ends).
+    `oddities`: unusual properties of the original file (`oddities_of`).
     """
 
     number: int
@@ -65,11 +65,12 @@ class Library:
         known = next((source for source in self.sources if source.path == resolved), None)
         return known or self.add(name, resolved, deck_bytes(resolved, name))
 
-    def find(self, file: str, including: SourceFile) -> tuple[Path, str]:
+    def find(self, file: str, including: SourceFile, *, starts: bool = False) -> tuple[Path, str]:
         """Return the path and name of an include file; raise InputError if it is missing or outside the root.
 
         The name is for messages.  `file`: name in the include statement; `including`: the file that contains the
-        statement.
+        statement; `starts`: whether the simulator prefers the folder in which it is started to that of `including`, so
+        that different files of this name in the deck's folder and in that of `including` are an error.
         """
         if self.root is None:
             raise InputError(f"{file!r} is included, but the deck has no folder: give the root to read below")
@@ -80,11 +81,29 @@ class Library:
             if not path.is_relative_to(self.root):
                 raise InputError(f"{file!r} lies outside {str(self.root)!r}: copy it, or name a wider root")
             if _exists(path):
+                if starts:
+                    self._refuse_two(file, path)
                 return path, os.path.normpath(Path(including.name).parent / file) if base == folder else file
             tried.append(path)
         raise InputError(
             f"the file {file[-80:]!r} that is included does not exist (looked in {str(tried[0].parent)!r})"
         )
+
+    def _refuse_two(self, file: str, path: Path) -> None:
+        """Raise InputError if the deck's folder holds a different file of this name.
+
+        `file`: name in the include statement; `path`: path of the included file.
+        """
+        deck = self.sources[0].path
+        if deck is None or self.root is None:
+            return
+        other = resolve(deck.parent / file, file)
+        is_other = other != path and other.is_relative_to(self.root) and _exists(other)
+        if is_other and deck_bytes(other, file) != deck_bytes(path, file):
+            raise InputError(
+                f"{file!r} exists in {str(deck.parent)!r} and in {str(path.parent)!r}, and the folder in which the "
+                "simulator is started decides between them: rename one, or write its path"
+            )
 
 
 def _exists(path: Path) -> bool:
@@ -150,8 +169,13 @@ def coding_of(data: bytes) -> tuple[bytes, str]:
 
 
 def oddities_of(data: bytes) -> frozenset[str]:
-    """Return the set of unusual properties of a file: ``"utf-16"``, ``"cr"`` (carriage returns as line ends)."""
+    """Return the set of unusual properties of a file.
+
+    Its members are ``"utf-16"``, ``"bom"`` (a byte order mark of UTF-8), ``"cr"`` (carriage returns as line ends).
+    """
     found = {"utf-16"} if coding_of(data)[1].startswith("utf-16") else set[str]()
+    if data.startswith(codecs.BOM_UTF8):
+        found.add("bom")
     if b"\r" in data and b"\n" not in data:
         found.add("cr")
     return frozenset(found)

@@ -18,6 +18,7 @@ from resgrid.spice.read.diagnostics import CardError
 from resgrid.spice.read.element_tables import RESISTIVE, WIDTHS, ElementArrays, Elements, NodeTable, order_of, widened
 from resgrid.spice.read.elements import letter_of, multiplier, read_element
 from resgrid.spice.read.expressions import names_in
+from resgrid.spice.read.name_conflicts import check_called_name, note_blank, refuse_overridden
 from resgrid.spice.read.scopes import Block, Scope
 from resgrid.spice.read.spectre import PRIMITIVES, word_for
 from resgrid.spice.read.temperature import refuse_temperature
@@ -122,17 +123,8 @@ class Expander:
         if card.rules.refusals.blank_names and '"' in card.text:
             for token in tokenise(card):
                 if token.kind == "string" and _BLANK.search(token.text):
-                    self._note_blank(card, f'"{token.text}"', token.offset - 1)
+                    note_blank(card, f'"{token.text}"', token.offset - 1, self.contents.diagnostics)
                     break
-
-    def _note_blank(self, card: Card, name: str, offset: int) -> None:
-        """Warn of a quoted name that a simulator may cut at a blank; `name`: with quotes; `offset`: place in `card`."""
-        rules, diagnostics = card.rules, self.contents.diagnostics
-        if rules.refusals.blank_names == "fails":
-            diagnostics.refuse(card.spot(offset), f"{rules.name} cuts the quoted name {name} at its blank, and stops")
-        else:
-            text = f"it is not known here whether {rules.name} reads the blank in the quoted name {name}"
-            diagnostics.warn_ignored(card.spot(offset), text)
 
     def check_size(self, limit: int | None) -> None:
         """Check the number of elements before the expansion.
@@ -186,6 +178,7 @@ class Expander:
             known_masters = f", or write {', '.join(PRIMITIVES)}" if card.rules.instances else ""
             text = f"there is no subcircuit {name.text!r}; define it, or include its file{known_masters}"
             raise card.error(name.offset, text)
+        check_called_name(card, name, block, self.contents.diagnostics)
         nodes = tuple(token.text for token in terminals)
         if len(nodes) != len(target.ports):
             text = f"{label.text} has {len(nodes)} node(s), but {target.name} has {len(target.ports)}"
@@ -307,6 +300,9 @@ class Expander:
             effect = f"replaces that of {own[0].split()[0]}" if own else f"does not reach {deep[0].split()[0]}"
             text = f"in {dialect} this m= {effect}: use {instance.block.name} several times instead"
             raise instance.card.error(setting.offset, text)
+        if instance.block.model("m") is not None:
+            text = f"in {dialect} this m= is also the model m inside of {instance.block.name}: rename the model"
+            raise instance.card.error(setting.offset, text)
         if "m" in instance.block.parameters or scope.parameter("m") is not None:
             text = f"in {dialect} this m= also changes the parameter m: rename the parameter"
             raise instance.card.error(setting.offset, text)
@@ -329,6 +325,7 @@ class Expander:
             words = f"{shared} is a terminal of {block.name} and {kind}; simulators differ on that: rename one"
             raise CardError(block.spot, words)
         scope = Scope(block, outer.diagnostics, outer, given)
+        refuse_overridden(instance.card, scope, contents.options)
         elements = self.elements()
         table = elements.nodes
         for i, port in enumerate(block.ports):

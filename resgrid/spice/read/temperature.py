@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
-from resgrid.spice.read.cards import Card
+from resgrid.spice.read.cards import Card, Setting, Token
+from resgrid.spice.read.diagnostics import Diagnostics
 from resgrid.spice.read.scopes import TemperatureUse
 
 
@@ -68,3 +69,29 @@ def refuse_temperature(card: Card, offset: int | None, place: str) -> None:
         name = min(words.temperature)
         text = f"{card.rules.name} does not know {name} in {place}, only in values of R, C and L: write the number"
         raise card.error(offset, text)
+
+
+def refuse_unspaced(card: Card, pairs: list[Setting]) -> None:
+    """Raise CardError if a list of values in `pairs` is one that the dialect's simulator misreads.
+
+    Such a list is in parentheses, without blanks, or has a second value that begins with a point.
+    """
+    for first, second in (pair.values[:2] for pair in pairs if len(pair.values) > 1):
+        gap = card.text[first.offset + len(first.text) : second.offset].strip("{}'")
+        bracketed = card.text[: first.offset].rstrip(" {'").endswith("(")
+        parted = gap.isspace() or (first.kind == "word" and gap[0] == "," and gap[1:].isspace())
+        if bracketed or second.text[0] == "." or not parted:
+            raise card.error(first.offset, f"{card.rules.name} misreads or rejects this list: write tc1=... tc2=...")
+
+
+def note_bare(card: Card, use: TemperatureUse, tokens: list[Token], diagnostics: Diagnostics) -> None:
+    """Add a warning if the value of a resistor is the bare name of a parameter that depends on the temperature.
+
+    `card`: the resistor; `use`: record of the evaluation of its value; `tokens`: its tokens without a key;
+    `diagnostics`: receives the warning.
+    """
+    bare = next((token for token in tokens if token.kind == "word"), None)
+    if bare is not None and use.used and card.rules.words.temperature_in_values:
+        name = min(card.rules.words.temperature)
+        text = f"{card.rules.name} stops at a parameter that depends on {name}, without braces: write {{{bare.text}}}"
+        diagnostics.refuse(card.spot(bare.offset), text)

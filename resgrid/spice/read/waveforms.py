@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 from resgrid.spice.read.cards import Card, Token
+from resgrid.spice.read.name_conflicts import note_hidden_word
 from resgrid.spice.read.scopes import Scope
 
 _DELAYS = {"pulse": (2,), "sin": (3,), "sine": (3,), "exp": (2, 4), "pwl": (), "sffm": ()}
@@ -49,6 +50,7 @@ def source_value(card: Card, tokens: list[Token], scope: Scope) -> SourceValue:
         token = rest.pop()
         word = token.text.lower() if token.kind == "word" else ""
         keyed = _takes(rest, "=")
+        note_hidden_word(card, token, scope)
         if word in _IGNORED:
             for _ in range(2):
                 if rest and _begins_number(rest[-1]):
@@ -82,6 +84,11 @@ def _waveform(card: Card, token: Token, rest: list[Token], scope: Scope) -> tupl
     remaining tokens of the card, in reverse order; `scope`: parameter values.
     """
     bracketed, word = _takes(rest, "("), token.text.lower()
+    if bracketed and rest and card.rules.refusals.glued_names:
+        first = rest[-1]
+        if first.kind == "word" and not _begins_number(first) and card.text[first.offset - 1] == "(":
+            text = f"{card.rules.name} stops at a name directly after {word}(: write {{{first.text}}}"
+            scope.diagnostics.refuse(card.spot(first.offset), text)
     values: list[float] = []
     keys: dict[str, float] = {}
     while rest and not rest[-1].is_mark(")") and (bracketed or _begins_number(rest[-1])):

@@ -237,8 +237,8 @@ def result_in(folder: Path, simulator: str, version: str, status: int) -> Simula
         return SimulatorRun({}, {}, simulator, version, (f"{error} (exit status {status})", *complaints))
     read: dict[str, dict[str, float]] = {"voltage": {}, "current": {}}
     for name, kind, value in zip(raw.names, raw.kinds, raw.values[0].tolist(), strict=True):
-        if kind in read:  # n_0_0 from v(n_0_0), v_obstacle from i(v_obstacle) or v_obstacle#branch
-            read[kind][bare_name(name).removesuffix("#branch")] = value
+        # n_0_0 from v(n_0_0), v_obstacle from i(v_obstacle) or v_obstacle#branch; a node called time has the kind time
+        read["current" if kind == "current" else "voltage"][bare_name(name).removesuffix("#branch")] = value
     return SimulatorRun(read["voltage"], read["current"], simulator, version, complaints)
 
 
@@ -279,6 +279,6 @@ def _operating_point(folder: Path) -> RawFile:
         raise InputError(
             f"ngspice wrote {raw.values.shape[0]} points of type {raw.values.dtype}, not one point of real numbers"
         )
-    if "voltage" not in raw.kinds:
+    if set(raw.kinds) <= {"current"}:
         raise InputError("ngspice found no node in the deck")
     return raw

@@ -186,8 +186,36 @@ def test_pairs_are_included_and_excluded() -> None:
     Path("pairs.txt").write_text("min 3\nmax 9\n0 1 2 4\n1 0 3 1\n2 3 0 9\n4 1 9 0\n")
     table = job(use_included_pairs=True, included_pairs_file="pairs.txt").resistance
     np.testing.assert_allclose(table, some)
+    Path("pairs.txt").write_text("mode exclude\n1 4\n")
+    assert job(use_included_pairs=True, included_pairs_file="pairs.txt").points.tolist() == [1, 4]
     Path("pairs.txt").write_text("mode include\n1 4\n")
     assert job(use_included_pairs=True, included_pairs_file="pairs.txt").points.tolist() == [1, 4]
+
+
+@pytest.mark.parametrize(
+    ("heading", "last", "message"), [("1 2 2", 2, "two rows"), ("1 4 2", 4, "column 2 to the point 4")]
+)
+def test_tables_of_pairs_name_each_point_once(heading: str, last: int, message: str) -> None:
+    Path("pairs.txt").write_text(f"min 3\nmax 9\n0 {heading}\n1 0 3 1\n2 3 0 9\n{last} 1 9 0\n")
+    with pytest.raises(rg.InputError, match=message):
+        job(use_included_pairs=True, included_pairs_file="pairs.txt")
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "message"),
+    [
+        ("habitat.asc", "cellsize", "cellsize 0\nxllcenter", "gives cellsize 0; it must be a positive, finite number"),
+        ("habitat.asc", "cellsize", "cellsize nan\nxllcenter", "gives cellsize nan"),
+        ("habitat.asc", "xllcorner", "xllcorner inf\nxllcenter", "gives xllcorner inf; it must be a finite number"),
+        ("habitat.asc", "\n", "\nyllcenter 1_0\n", "found '1_0'"),
+        ("points.txt", "1 ", "1_0 ", "points.txt:1: '1_0 10.5 27' does not consist of numbers"),
+    ],
+)
+def test_numbers_of_headers_and_lists_are_checked(name: str, old: str, new: str, message: str) -> None:
+    Path("points.txt").write_text("1 10.5 27\n2 17 21\n4 19 27\n")
+    Path(name).write_text(Path(name).read_text().replace(old, new, 1))
+    with pytest.raises(rg.InputError, match=message):
+        job(points="points.txt")
 
 
 def test_lists_of_points_masks_and_unconnected_points() -> None:

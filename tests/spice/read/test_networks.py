@@ -3,6 +3,7 @@
 Tests internals: `resgrid.spice.networks.circuitscape`.
 """
 
+import json
 from pathlib import Path
 
 import networkx as nx
@@ -309,3 +310,22 @@ def test_edge_lists_of_other_programs_are_read(tmp_path: Path, text: str, ohms: 
     (tmp_path / "out.txt").write_text(f"{other} 0\n")
     lists = {"sources": tmp_path / "in.txt", "grounds": tmp_path / "out.txt", "measure": None}
     assert voltages(rg.read_spice(tmp_path / "net.txt", **lists).netlist())["a"] == pytest.approx(ohms)
+
+
+@pytest.mark.parametrize("heading", ["a,b,kohm", "a,b,conductance_uS", "a,b,mS", "a,b,R_kOhm"])
+def test_headings_with_other_units_are_rejected(tmp_path: Path, heading: str) -> None:
+    (tmp_path / "net.csv").write_text(f"{heading}\nx,y,4\n")
+    with pytest.raises(rg.InputError, match=r"net\.csv:1: the unit in the heading"):
+        rg.read_spice(tmp_path / "net.csv")
+    (tmp_path / "net.csv").write_text("a,b,resistance_ohm\nx,y,4\n")
+    assert rg.read_spice(tmp_path / "net.csv").resistance.tolist() == [4.0]
+
+
+def test_node_link_files_of_older_networkx_are_read(tmp_path: Path) -> None:
+    double = ("a", "b", {"resistance": 5.0})
+    graph = nx.MultiGraph([double, double, ("b", 0, {"conductance": 2})])
+    (tmp_path / "net.json").write_text(json.dumps(nx.node_link_data(graph, edges="links")))
+    assert rg.read_spice(tmp_path / "net.json").netlist().conductance.tolist() == [0.2, 0.2, 2.0]
+    (tmp_path / "net.json").write_text('{"nodes": []}')
+    with pytest.raises(rg.InputError, match="the key edges is missing"):
+        rg.read_spice(tmp_path / "net.json")

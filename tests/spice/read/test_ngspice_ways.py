@@ -202,14 +202,15 @@ def test_other_dialects_keep_their_own_rules(tmp_path: Path) -> None:
         deck = rg.read_spice(deck_in(tmp_path, *lines, head=("title", "I1 0 a 1")), dialect="hspice")
         return 1.0 / float(deck.netlist().conductance.sum())
 
-    assert ohms(".param w=1 l=4", SUBCIRCUIT.format("w=2 l=2 r=1"), "X1 a 0 s r={l/w}") == 4.0
+    local = ".option parhier=local"
+    assert ohms(local, ".param w=1 l=4", SUBCIRCUIT.format("w=2 l=2 r=1"), "X1 a 0 s r={l/w}") == 4.0
     assert ohms("R1 a 0 5", ".end", "R2 a 0 5") == 5.0
     assert ohms("R1 a 0 1 tc1=0.1", ".temp 35", ".option temp=45") == pytest.approx(3.0)
     assert ohms(".subckt s p q\nR1 p q 6 m=3\n.ends", "X1 a 0 s m=2") == pytest.approx(1.0)
     assert ohms("R1 a 0 m", ".model m r(rsh=50 r=2)", ".model m r(rsh=50 r=3)") == 3.0
     assert ohms("R1 a 0 m", ".model m r(rsh=50 defl=20u)") == pytest.approx(100.0)
     assert ohms(".param p=3", "R1 a 0 {2>1?3>4?1:2:5}", "R2 a 0 {8*(1?--1:-p)}") == pytest.approx(1.6)
-    assert ohms(".param g=2", ".func f(x) {x*g}", ".subckt s p q g=5\nR1 p q {f(1)}\n.ends", "X1 a 0 s") == 2.0
+    assert ohms(local, ".param g=2", ".func f(x) {x*g}", ".subckt s p q g=5\nR1 p q {f(1)}\n.ends", "X1 a 0 s") == 2.0
 
 
 def test_ltspice_annotations_are_ignored_with_a_note(tmp_path: Path) -> None:
