@@ -21,6 +21,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from resgrid.cli.options import is_source
+from resgrid.cli.streams import prepare_streams
 from resgrid.cli.terminal import (
     BROKEN_PIPE,
     INTERRUPTED,
@@ -128,6 +129,8 @@ class SubcommandGroup(click.Group):
         `args`: words of the command line, by default those of the process.
         """
         words = list(sys.argv[1:] if args is None else args)
+        if args is None:
+            prepare_streams()
         extra["standalone_mode"] = False
         try:
             with _interrupt_on_signals(is_process=args is None):

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import resgrid as rg
 from resgrid.cli.options import CommandInput
+from resgrid.cli.streams import standard_input
 from resgrid.cli.terminal import compute, say, stage
 from resgrid.cli.workers import workers_for
 from resgrid.errors import InputError, suggestion
@@ -192,7 +193,7 @@ def _piped_scene(source: CommandInput) -> rg.Scene:
     from resgrid.scene.overrides import build_changed
     from resgrid.scene.reading import parse_document, read_document
 
-    data = sys.stdin.buffer.read()
+    data = standard_input().read()
     if not data.strip():
         raise InputError("standard input is empty; give a scene file, or pipe one")
     if (

@@ -193,7 +193,7 @@ def stage(name: str, *, seconds: float | None = None, steps: int | None = None) 
     bars: list[Progress] = []
     timer = threading.Timer(BAR_DELAY, lambda: bars.append(_started_bar(name, running)))
     timer.daemon = True
-    if sys.stderr.isatty() and not verbosity().quiet:
+    if sys.stderr is not None and sys.stderr.isatty() and not verbosity().quiet:  # None without standard error
         timer.start()
     try:
         yield running
