@@ -308,6 +308,8 @@ def failure_of(error: Exception) -> Failure:
         if re.fullmatch(r"No such option:? '?-[\d.].*", message):
             message = f"{message.rstrip('.')}: write a place that begins with a minus sign as --start=-1.5,2"
         message = re.sub(r"is not a valid integer(?: range)?\.?$", "is not a whole number; give digits only", message)
+        if kind == "MissingParameter":
+            message = " ".join(message.split())  # click writes the possible values on lines of their own
         if context and kind != "NoArgsIsHelpError":
             message = f"{message.rstrip('.')}; see '{context.command_path} --help'"
         return Failure(USAGE, kind, message)
