@@ -11,6 +11,8 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+import click
+
 import resgrid as rg
 from resgrid.cli.options import CommandInput
 from resgrid.cli.streams import standard_input
@@ -201,7 +203,15 @@ def _piped_scene(source: CommandInput) -> rg.Scene:
         and source.map_options.get("format") is None
     ):
         _refuse_map_options(source)
-        return build_changed(parse_document(decode(data, Path("standard input")), "standard input"), source.changes)
+        try:
+            document = parse_document(decode(data, Path("standard input")), "standard input")
+        except InputError as error:
+            context = click.get_current_context(silent=True)
+            takes_decks = context is not None and "read_as" in context.params
+            raise InputError(
+                f"{error}; if it is a deck, add --read-as ngspice" if takes_decks else str(error)
+            ) from None
+        return build_changed(document, source.changes)
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "standard_input"
         file.write_bytes(data)
@@ -217,12 +227,12 @@ _FIRST_KERNEL = "csr_kernels.conductances_by_row*.nbi"
 
 
 def is_first_run() -> bool:
-    """Return whether numba has no cached kernels for solving circuits, so that a solution will compile them."""
+    """Return whether a solution will compile kernels for solving circuits and cache them for later runs."""
     from resgrid._internal.jit import cache_folder
     from resgrid.solvers.csr_kernels import conductances_by_row
 
     folder = cache_folder(conductances_by_row)
-    return folder is None or not any(folder.glob(_FIRST_KERNEL))
+    return folder is not None and not any(folder.glob(_FIRST_KERNEL))
 
 
 def _load_numba() -> None:
