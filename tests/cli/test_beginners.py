@@ -210,3 +210,15 @@ def test_a_repeated_table_of_a_scene_has_a_remedy(call, working_folder, key, rem
     assert (
         rejected.exit_code == 2 and f"Cannot declare ('{key}',) twice" in rejected.stderr and remedy in rejected.stderr
     )
+
+
+def test_an_announcement_without_hidden_obstacles_is_reported(call, working_folder):
+    message = "ignored: announce: the scene has no hidden obstacles\n"
+    assert call("control", "lesson.toml", "--announce", "--steps", "2").stderr == message
+    rejected = call("control", "lesson.toml", "--announce", "--wavefront", "front.gif")
+    assert rejected.exit_code == 2 and "add a [[hidden]] table, or leave it out" in rejected.stderr
+    assert not (working_folder / "front.gif").exists()
+    hidden = '[[hidden]]\nshape = "circle"\ncentre = [2.5, 6.5]\nradius = 0.4\n'
+    text = (working_folder / "lesson.toml").read_text()
+    (working_folder / "hidden.toml").write_text(text + hidden)
+    assert call("control", "hidden.toml", "--announce", "--steps", "2").stderr == ""
