@@ -7,6 +7,7 @@ import re
 import sys
 import threading
 import time
+import traceback
 import weakref
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
@@ -320,7 +321,16 @@ def failure_of(error: Exception) -> Failure:
         if isinstance(error, class_):
             return Failure(code, kind, str(error))
     if isinstance(error, OSError) and error.errno is not None:
-        place = f"{error.filename}: " if error.filename else ""
-        return Failure(USAGE, kind, f"{place}{error.strerror}; check the path, its permissions and the free space")
+        return Failure(USAGE, kind, _refused_message(error))
     fault = f"internal error of resgrid ({kind}: {error}); please report it with the output of this command"
     return Failure(UNEXPECTED, kind, f"{fault} and --debug")
+
+
+def _refused_message(error: OSError) -> str:
+    """Return the message for an operation that the system refused: writing a compiled kernel, or another file."""
+    frames = traceback.walk_tb(error.__traceback__)
+    if any(str(frame.f_globals.get("__name__")).startswith("numba.") for frame, _ in frames):
+        remedy = "free space there, or set the variable NUMBA_CACHE_DIR to another folder"
+        return f"compiled kernels cannot be stored: {error.strerror}; {remedy}"
+    place = f"{error.filename}: " if error.filename else ""
+    return f"{place}{error.strerror}; check the path, its permissions and the free space"

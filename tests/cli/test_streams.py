@@ -85,3 +85,11 @@ def test_files_do_not_get_the_descriptors_of_closed_streams(tmp_path):
     words = ["sh", "-c", 'exec "$@" <&- >&- 2>&-', "sh", sys.executable, "-c", script]
     subprocess.run(words, check=True, cwd=tmp_path)
     assert int(Path(tmp_path, "number").read_text()) > 2
+
+
+def test_a_full_disk_of_compiled_kernels_names_the_variable_of_their_folder(scenes, tmp_path):
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path), "PYTHONDONTWRITEBYTECODE": "1"}
+    words = [*COMMAND, "path", str(scenes / "lesson.toml"), "-q"]
+    done = subprocess.run(words, capture_output=True, text=True, check=False, env=environment, preexec_fn=limited)
+    assert done.returncode == 2 and done.stderr.count("\n") == 1
+    assert "compiled kernels cannot be stored: File too large" in done.stderr and "NUMBA_CACHE_DIR" in done.stderr
