@@ -165,6 +165,9 @@ def test_a_deck_on_standard_input_names_the_missing_option(call):
 
 def test_the_sidecar_of_a_deck_names_the_deck(call, working_folder):
     assert call("compile", "lesson.toml", "-o", "deck.cir").exit_code == 0
+    for commands in ("deck.cir.ngspice", "deck.cir.verify"):
+        rejected = call("check", commands)
+        assert rejected.exit_code == 2 and "the deck is the file without this suffix" in rejected.stderr
     rejected = call("check", "deck.cir.json")
     assert rejected.exit_code == 2 and rejected.stderr.endswith("check the deck: resgrid check deck.cir\n")
 
@@ -222,3 +225,10 @@ def test_an_announcement_without_hidden_obstacles_is_reported(call, working_fold
     text = (working_folder / "lesson.toml").read_text()
     (working_folder / "hidden.toml").write_text(text + hidden)
     assert call("control", "hidden.toml", "--announce", "--steps", "2").stderr == ""
+
+
+@pytest.mark.parametrize("options", [("--method", "petsc"), ("--ranks", "3"), ("--launcher", "srun -n 2")])
+def test_options_of_distributed_solutions_are_rejected_for_decks(call, working_folder, options):
+    (working_folder / "divider.cir").write_text("* divider\nV1 in 0 5\nR1 in 0 1k\n.end\n")
+    rejected = call("solve", "divider.cir", *options)
+    assert rejected.exit_code == 2 and "are for scenes; remove them" in rejected.stderr

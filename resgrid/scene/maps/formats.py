@@ -143,9 +143,11 @@ def read_map(table: Mapping[str, Any], extent: float = 0.0) -> MapCells:
 
 _BAG = "this is a recording, not a map; use 'resgrid stream'"
 _LAYOUT = "this is a board or a layout, not a map; use 'resgrid check'"
+_COMMANDS = "these are commands for a simulator; the deck is the file without this suffix"
 _NO_MAPS = {
     ".urdf": 'this is a robot, not a scene; write a scene with [robot], type = "urdf" and file = "..."',
     ".csv": "this is a table, not a map; save the cells as an array with np.save",
+    **dict.fromkeys((".verify", ".ngspice", ".ltspice", ".xyce", ".hspice", ".spectre"), _COMMANDS),
     **dict.fromkeys((".bag", ".mcap", ".db3"), _BAG),
     **dict.fromkeys((".gds", ".oas", ".kicad_pcb", ".kicad_pro", ".kicad_sch"), _LAYOUT),
 }
