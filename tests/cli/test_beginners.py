@@ -232,3 +232,16 @@ def test_options_of_distributed_solutions_are_rejected_for_decks(call, working_f
     (working_folder / "divider.cir").write_text("* divider\nV1 in 0 5\nR1 in 0 1k\n.end\n")
     rejected = call("solve", "divider.cir", *options)
     assert rejected.exit_code == 2 and "are for scenes; remove them" in rejected.stderr
+
+
+def test_the_picture_of_a_circuit_is_that_of_the_chosen_weight(call, working_folder, monkeypatch):
+    drawn = []
+    monkeypatch.setattr("resgrid.draw", drawn.append)
+    monkeypatch.setattr("resgrid.plot.figures.render_figure", lambda *_: b"")
+    words = ("plot", "lesson.toml", "--what", "circuit", "-o", "circuit.png", "--k")
+    for k in ("0,1", "1,0"):
+        assert call(*words, k).exit_code == 0
+    assert [len(op.netlist.current_amps) > 0 for op in drawn] == [True, False]  # the uniform drive has current sources
+    rejected = call(*words, "0.5")
+    assert rejected.exit_code == 2 and "in place of --k" in rejected.stderr
+    assert call(*words[:-1], "--boundary", "neumann").exit_code == 0
