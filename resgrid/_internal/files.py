@@ -75,11 +75,23 @@ def read_bytes(
     except InputError:
         raise
     except FileNotFoundError:
-        raise InputError(f"{said}: there is no such file; check the name and the folder") from None
+        raise _missing(path, said) from None
     except PermissionError:
         raise InputError(f"{said}: permission denied; make the file readable") from None
     except (OSError, ValueError) as error:
         raise InputError(f"{said}: cannot be read ({error})") from None
+
+
+def _missing(path: Path, name: str) -> InputError:
+    """Return the error for a missing file; `name`: name of the file in the message.
+
+    A path that begins with ``https:`` was the address of a page, of which `Path` has removed a slash.
+    """
+    scheme = path.parts[0] if path.parts else ""
+    if scheme in ("http:", "https:", "file:", "ftp:"):
+        address = name.replace(f"{scheme}/", f"{scheme}//", 1) if f"{scheme}//" not in name else name
+        return InputError(f"{address}: addresses are not opened; save the file on this computer, and give its name")
+    return InputError(f"{name}: there is no such file; check the name and the folder")
 
 
 def read_text(path: Path) -> str:
@@ -216,12 +228,20 @@ def _make_parents(target: Path, named: Path) -> list[Path]:
 
     `named`: the path in the message of the InputError if the system refuses.
     """
+    _refuse_file(target.parent, named)
     try:
         missing = [parent for parent in target.absolute().parents if not parent.exists()]
         target.absolute().parent.mkdir(parents=True, exist_ok=True)
     except (OSError, ValueError) as error:
         raise unwritable(named, error) from error
     return missing
+
+
+def _refuse_file(folder: Path, named: Path) -> None:
+    """Raise InputError, which names the path `named`, if the folder or one of its parents is a file."""
+    for parent in (folder, *folder.parents):
+        if parent.exists() and not parent.is_dir():
+            raise InputError(f"cannot write {named}: {parent} is a file, not a folder; name another folder")
 
 
 def _move_files(temporary: Path, target: Path) -> None:
@@ -235,6 +255,11 @@ def _move_files(temporary: Path, target: Path) -> None:
         return
     names = sorted(file.relative_to(temporary).as_posix() for file in temporary.rglob("*") if not file.is_dir())
     stale = _earlier_files(target) - set(names)
+    for name in names:  # before the first file is moved
+        place = target / name
+        if place.is_dir():
+            raise InputError(f"cannot write {place}: this is a directory; rename it, or name another folder")
+        _refuse_file(place.parent, place)
     for name in sorted(names, key=lambda name: name == SUMMARY):
         (target / name).parent.mkdir(parents=True, exist_ok=True)
         (temporary / name).replace(target / name)

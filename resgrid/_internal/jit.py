@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import warnings
 from collections.abc import Callable
 from functools import cache, wraps
 from inspect import unwrap
@@ -94,13 +95,31 @@ def interruptible(function: _Function) -> _Function:
 def _cached(function: _Function, **options: Any) -> _Function:
     """Return a compiled kernel with a cache on disk, after stale files were removed from the cache folder.
 
+    The kernel has no cache, and a warning is issued, if the user can write no folder that numba uses.
+
     `options`: further options of `numba.njit`.
     """
-    compiled = _njit(**_KERNEL, **options)(getattr(function, "py_func", function))
+    source = getattr(function, "py_func", function)
+    try:
+        compiled = _njit(**_KERNEL, **options)(source)
+    except RuntimeError:  # numba has no folder for the machine code that it can write
+        _warn_without_cache()
+        return cast(_Function, _njit(**{**_KERNEL, "cache": False}, **options)(source))
     folder = cache_folder(compiled)
     if folder is not None:
         _remove_stale_kernels(folder)
     return cast(_Function, compiled)
+
+
+@cache
+def _warn_without_cache() -> None:
+    """Warn once that compiled kernels are lost at the end of the process."""
+    warnings.warn(
+        "compiled kernels cannot be stored, because neither the folder of resgrid nor the home folder can be written; "
+        "every process compiles them again, which takes 10 to 60 s; set the variable NUMBA_CACHE_DIR to a folder that "
+        "you can write",
+        stacklevel=2,
+    )
 
 
 def cache_folder(function: Callable[..., Any]) -> Path | None:

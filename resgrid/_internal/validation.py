@@ -179,13 +179,15 @@ def _or_none(kind: TypeCheck) -> TypeCheck:
 
 
 def type_checks_of(value: Any) -> TypeChecks:
-    """Return the checks of all annotations of the function or class `value`, by the name of parameter or attribute.
+    """Return the checks of all parameters of a function or attributes of a class, `value`, by their names.
 
     A check tests whether a value has the annotated type, and describes this type for messages.
     """
     names = _Names(vars(sys.modules[value.__module__]))
     checks: TypeChecks = {}
     for key, given in value.__annotations__.items():
+        if key == "return":
+            continue
         text = given.__forward_arg__ if isinstance(given, ForwardRef) else given
         hint = eval(text, {"__builtins__": builtins}, names) if isinstance(text, str) else text
         if get_origin(hint) is Unpack:  # keyword arguments that a TypedDict lists

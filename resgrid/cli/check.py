@@ -158,6 +158,8 @@ def _check_deck(source: CommandInput, limits: dict[str, Any]) -> Agreement:
 
     refuse_scene_options(source)
     path = Path(source.file)
+    if path.suffix == ".json" and path.with_suffix("").is_file():
+        raise InputError(f"{path} is the sidecar of a deck; check the deck: resgrid check {path.with_suffix('')}")
     if is_network(source.file):
         raise InputError(
             f"{path}: simulators cannot read this format; convert it to a deck (resgrid convert {path} -o FILE.cir) "

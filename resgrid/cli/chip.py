@@ -13,7 +13,7 @@ import resgrid as rg
 from resgrid._internal.files import SUMMARY, whole_folder
 from resgrid.chip import ANALYSES
 from resgrid.cli.check import check_written
-from resgrid.cli.option_types import Suggested, fraction_below
+from resgrid.cli.option_types import NumberRange, Suggested, fraction_below
 from resgrid.cli.options import (
     POSITIVE,
     CommandInput,
@@ -75,7 +75,7 @@ class Names(Suggested):
 )  # fmt: skip
 @click.option("--seconds", metavar="S", type=POSITIVE, default=60.0, help="Time for fault simulation, in seconds.")
 @click.option(
-    "--at-least", metavar="FRACTION", type=click.FloatRange(0, 1),
+    "--at-least", metavar="FRACTION", type=NumberRange(0, 1),
     help="Exit with 1 if the yield's confidence interval lies below this fraction.",
 )  # fmt: skip
 @click.option(

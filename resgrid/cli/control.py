@@ -102,6 +102,10 @@ def command(
     scene = job.scene
     if wavefront is not None and not scene.control.announce:
         raise InputError("--wavefront shows the effect of announced obstacles: add --announce, or leave it out")
+    if scene.control.announce and not scene.hidden:
+        if wavefront is not None:
+            raise InputError("--wavefront: the scene has no hidden obstacles; add a [[hidden]] table, or leave it out")
+        say("ignored: announce: the scene has no hidden obstacles")
     if output is not None:
         check_run_file(output, job.space.axes)
     require_starts(scene)

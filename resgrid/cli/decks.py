@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import resgrid as rg
+from resgrid.cli.streams import standard_input
 from resgrid.cli.terminal import compute, detail, say, stage
 from resgrid.errors import CircuitError, InputError
 from resgrid.spice.dialects import DECK_SUFFIXES
@@ -55,7 +55,7 @@ def open_deck(source: CommandInput, *, names: bool = True) -> Circuit:
     path = Path(source.file)
     size = path.stat().st_size if path.is_file() else 0
     with stage("read the deck", seconds=0.5 + _READ_SECONDS * size):
-        circuit = sys.stdin.buffer if source.file == "-" else path
+        circuit = standard_input() if source.file == "-" else path
         deck = rg.read_spice(circuit, dialect=source.dialect, root=source.root)
     if names:
         from resgrid.spice.check.erc import repeated_names

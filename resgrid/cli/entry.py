@@ -21,10 +21,10 @@ import click
 from click.shell_completion import CompletionItem
 
 from resgrid.cli.options import is_source
+from resgrid.cli.streams import prepare_streams
 from resgrid.cli.terminal import (
     BROKEN_PIPE,
     INTERRUPTED,
-    TERMINATED,
     UNEXPECTED,
     Failure,
     end_at_once,
@@ -84,6 +84,17 @@ class SubcommandGroup(click.Group):
         names = [CompletionItem(name, help=about) for name, about in SUBCOMMANDS.items() if name.startswith(incomplete)]
         return names + click.Command.shell_complete(self, ctx, incomplete)
 
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Return the words after the group's options; raise UsageError for an option that belongs to a subcommand."""
+        try:
+            return super().parse_args(ctx, args)
+        except click.NoSuchOption as error:
+            path = importlib.import_module("resgrid.cli.path").command  # has the options of all scenes and outputs
+            if any(error.option_name in each.opts for each in path.params):
+                words = f"{ctx.command_path} run SCENE {error.option_name}"
+                raise click.UsageError(f"options follow the command, as in: {words}", ctx) from None
+            raise
+
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
@@ -115,8 +126,9 @@ class SubcommandGroup(click.Group):
             _drop_stdout()
             ctx.exit(BROKEN_PIPE)
         except KeyboardInterrupt as interrupt:
-            click.echo("resgrid: interrupted; incomplete files were removed", err=True)
-            code = TERMINATED if interrupt.args == (signal.SIGTERM,) else INTERRUPTED
+            with contextlib.suppress(OSError):  # the terminal may be closed
+                click.echo("resgrid: interrupted; incomplete files were removed", err=True)
+            code = 128 + interrupt.args[0] if interrupt.args else INTERRUPTED
             if is_computing():
                 end_at_once(code)
             ctx.exit(code)
@@ -128,6 +140,8 @@ class SubcommandGroup(click.Group):
         `args`: words of the command line, by default those of the process.
         """
         words = list(sys.argv[1:] if args is None else args)
+        if args is None:
+            prepare_streams()
         extra["standalone_mode"] = False
         try:
             with _interrupt_on_signals(is_process=args is None):
@@ -143,7 +157,7 @@ class SubcommandGroup(click.Group):
 
 @contextlib.contextmanager
 def _interrupt_on_signals(*, is_process: bool) -> Iterator[None]:
-    """Handle SIGTERM like Ctrl-C inside the context, and ignore further signals during the cleanup.
+    """Handle SIGTERM and SIGHUP (a closed terminal) like Ctrl-C inside the context; ignore signals during the cleanup.
 
     `is_process`: whether the process ends after the command; if so, signals stay ignored until the end of the process.
     """
@@ -157,6 +171,9 @@ def _interrupt_on_signals(*, is_process: bool) -> Iterator[None]:
         raise KeyboardInterrupt(signal.Signals(number))
 
     handled = [signal.SIGTERM]
+    hangup = getattr(signal, "SIGHUP", None)  # absent on Windows; ignored below nohup
+    if hangup is not None and signal.getsignal(hangup) is signal.SIG_DFL:
+        handled.append(hangup)
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         handled.append(signal.SIGINT)
     before = {each: signal.signal(each, interrupt) for each in handled}

@@ -114,6 +114,20 @@ def _draw(what: str, job: Job, plan: Plan, field: AnyField | None) -> Any:
     return picture
 
 
+def _circuit_of(plan: Plan, field: AnyField | None) -> rg.OperatingPoint:
+    """Return the circuit of a field, or the first circuit without a field; raise InputError for a blend of circuits."""
+    circuits = plan.operating_points
+    if field is not None and 0 < field.k < 1:
+        raise InputError(
+            f"--what circuit: k = {field.k:g} blends the fields of two circuits; give --boundary dirichlet or "
+            "--boundary neumann in place of --k"
+        )
+    is_open = field is not None and field.k == 0
+    return next(
+        (op for name, op in circuits.items() if name.startswith("neumann") == is_open), next(iter(circuits.values()))
+    )
+
+
 def _drawn(what: str, job: Job, plan: Plan, field: AnyField | None) -> Any:
     lines = plan.streamlines
     match what:
@@ -122,7 +136,7 @@ def _drawn(what: str, job: Job, plan: Plan, field: AnyField | None) -> Any:
         case "circuit":
             if not plan.operating_points:
                 raise InputError("--what circuit: nothing drives this scene, so there is no circuit; draw 'page'")
-            return rg.draw(next(iter(plan.operating_points.values())))
+            return rg.draw(_circuit_of(plan, field))
         case "potential" | "currents":
             assert field is not None
             options: dict[str, Any] = {} if isinstance(field, rg.planning.LatticeField) else {"quantity": what}

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import resgrid as rg
 from resgrid.cli.options import CommandInput
+from resgrid.cli.piped_scenes import piped_scene, refuse_map_options
 from resgrid.cli.terminal import compute, say, stage
 from resgrid.cli.workers import workers_for
 from resgrid.errors import InputError, suggestion
@@ -149,9 +150,9 @@ def load_scene(source: CommandInput) -> rg.Scene:
     if source.dialect != "auto" or source.root is not None:
         raise InputError(f"{source.file} is not a deck: --read-as and --root are for decks; remove them")
     if source.file == "-":
-        return _piped_scene(source)
+        return piped_scene(source)
     if is_link(source.file):
-        _refuse_map_options(source)
+        refuse_map_options(source)
         document = link_document(source.file)
     elif Path(source.file).suffix.lower() in DECK_SUFFIXES:
         raise InputError(f"{source.file} is a deck, but a scene or a map is needed; use 'resgrid check' for decks")
@@ -177,45 +178,6 @@ def _named_file(name: str) -> str | Path:
     return shipped or name
 
 
-def _refuse_map_options(source: CommandInput) -> None:
-    if source.map_options:
-        options = ", ".join(source.map_options)
-        raise InputError(f"{source.file}: this scene has no map, so {options} has no effect; leave it out")
-
-
-def _piped_scene(source: CommandInput) -> rg.Scene:
-    """Return the scene from standard input, which is TOML or a map, recognised by its first bytes."""
-    import tempfile
-
-    import click
-
-    from resgrid._internal.files import decode
-    from resgrid.scene.maps.formats import FORMATS
-    from resgrid.scene.maps.ros_header import NEWEST, read_header
-    from resgrid.scene.overrides import build_changed
-    from resgrid.scene.reading import parse_document, read_document
-
-    data = sys.stdin.buffer.read()
-    if not data.strip():
-        raise InputError("standard input is empty; give a scene file, or pipe one")
-    if (
-        not data.startswith(tuple(begin for entry in FORMATS.values() for begin in entry.magic))
-        and source.map_options.get("format") is None
-    ):
-        _refuse_map_options(source)
-        return build_changed(parse_document(decode(data, Path("standard input")), "standard input"), source.changes)
-    # The folder exists until the subcommand ends, because some subcommands read the map again.
-    file = Path(click.get_current_context().with_resource(tempfile.TemporaryDirectory())) / "standard_input"
-    file.write_bytes(data)
-    if source.map_options.get("format") == "ros":
-        image = read_header(file, source.map_options.get("dialect", NEWEST)).image
-        if not Path(image).is_absolute():
-            raise InputError(
-                f"standard input: the picture {image!r} lies in an unknown folder; name the file of the map"
-            )
-    return build_changed(read_document(file, source.map_options), source.changes)
-
-
 FIRST_RUN = (
     "the first solution after an installation compiles its kernels, which takes 10 to 60 s, longer on a busy machine "
     "('python -m resgrid.cli.warm' compiles all kernels in advance, on all cores)"
@@ -225,12 +187,12 @@ _FIRST_KERNEL = "csr_kernels.conductances_by_row*.nbi"
 
 
 def is_first_run() -> bool:
-    """Return whether numba has no cached kernels for solving circuits, so that a solution will compile them."""
+    """Return whether a solution will compile kernels for solving circuits and cache them for later runs."""
     from resgrid._internal.jit import cache_folder
     from resgrid.solvers.csr_kernels import conductances_by_row
 
     folder = cache_folder(conductances_by_row)
-    return folder is None or not any(folder.glob(_FIRST_KERNEL))
+    return folder is not None and not any(folder.glob(_FIRST_KERNEL))
 
 
 def _load_numba() -> None:

@@ -7,6 +7,7 @@ import re
 import sys
 import threading
 import time
+import traceback
 import weakref
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
@@ -193,7 +194,7 @@ def stage(name: str, *, seconds: float | None = None, steps: int | None = None) 
     bars: list[Progress] = []
     timer = threading.Timer(BAR_DELAY, lambda: bars.append(_started_bar(name, running)))
     timer.daemon = True
-    if sys.stderr.isatty() and not verbosity().quiet:
+    if sys.stderr is not None and sys.stderr.isatty() and not verbosity().quiet:  # None without standard error
         timer.start()
     try:
         yield running
@@ -308,6 +309,8 @@ def failure_of(error: Exception) -> Failure:
         if re.fullmatch(r"No such option:? '?-[\d.].*", message):
             message = f"{message.rstrip('.')}: write a place that begins with a minus sign as --start=-1.5,2"
         message = re.sub(r"is not a valid integer(?: range)?\.?$", "is not a whole number; give digits only", message)
+        if kind == "MissingParameter":
+            message = " ".join(message.split())  # click writes the possible values on lines of their own
         if context and kind != "NoArgsIsHelpError":
             message = f"{message.rstrip('.')}; see '{context.command_path} --help'"
         return Failure(USAGE, kind, message)
@@ -318,7 +321,16 @@ def failure_of(error: Exception) -> Failure:
         if isinstance(error, class_):
             return Failure(code, kind, str(error))
     if isinstance(error, OSError) and error.errno is not None:
-        place = f"{error.filename}: " if error.filename else ""
-        return Failure(USAGE, kind, f"{place}{error.strerror}; check the path, its permissions and the free space")
+        return Failure(USAGE, kind, _refused_message(error))
     fault = f"internal error of resgrid ({kind}: {error}); please report it with the output of this command"
     return Failure(UNEXPECTED, kind, f"{fault} and --debug")
+
+
+def _refused_message(error: OSError) -> str:
+    """Return the message for an operation that the system refused: writing a compiled kernel, or another file."""
+    frames = traceback.walk_tb(error.__traceback__)
+    if any(str(frame.f_globals.get("__name__")).startswith("numba.") for frame, _ in frames):
+        remedy = "free space there, or set the variable NUMBA_CACHE_DIR to another folder"
+        return f"compiled kernels cannot be stored: {error.strerror}; {remedy}"
+    place = f"{error.filename}: " if error.filename else ""
+    return f"{place}{error.strerror}; check the path, its permissions and the free space"

@@ -142,7 +142,9 @@ def emit(target: str | os.PathLike[str], data: bytes) -> Path:
         if stream is None:
             raise InputError("'-' is standard output, but sys.stdout accepts no bytes here; give the name of a file")
         sys.stdout.flush()
-        stream.write(data)
+        rest = memoryview(data)
+        while rest:  # an unbuffered stream may write a part only, and the next write reports the cause
+            rest = rest[stream.write(rest) :]
         return Path(target)
     return write_bytes(target, data)
 

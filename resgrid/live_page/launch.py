@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import logging
 import socket
 import sys
@@ -208,6 +209,7 @@ def _listen(host: str, port: int) -> socket.socket:
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
         return socket.create_server((host, port), family=family)
     except (OSError, OverflowError) as error:
-        raise InputError(
-            f"cannot listen at {host}:{port} ({error}); choose another port, or 0 for any free port (--port 0)"
-        ) from None
+        remedy = "choose another port, or 0 for any free port (--port 0)"
+        if isinstance(error, OSError) and error.errno not in (errno.EADDRINUSE, errno.EACCES):
+            remedy = "give an address of this computer, such as --host 127.0.0.1"
+        raise InputError(f"cannot listen at {host}:{port} ({error}); {remedy}") from None

@@ -17,7 +17,7 @@ from resgrid.planning.streamline import Outcome, Streamline
 from resgrid.robots import PointRobot
 from resgrid.scene import GoalCell, GoalJoints, Scene, build_space
 from resgrid.scene.goals import Goal
-from resgrid.scene.nearest_place import has_unknown, why_blocked
+from resgrid.scene.nearest_place import has_unknown, place_text, why_blocked
 from resgrid.scene.overrides import apply_overrides
 from resgrid.scene.world_coordinates import cell_centre, locate_point
 
@@ -86,7 +86,7 @@ class Advisor:
         if scene.map is not None:
             yield from self._finer_maps(path)
         elif self._helps("cells", partial(_finer, scene), path):
-            yield "refine the grid: twice as many cells on each axis open a path"
+            yield f"refine the grid: twice as many cells on each axis open a path{_places_of_goal_cells(self.scene)}"
 
     def _finer_maps(self, path: Streamline | NodePath) -> Iterator[str]:
         """Yield a phrase for the first finer division of the map that opens a path from the start of `path`.
@@ -122,6 +122,15 @@ class Advisor:
             return False
         cell, _ = locate_point(space.axes, space.frame, tuple(path.points[0].tolist()), "starts")
         return bool(space.goal_connected[cell]) or space.cell[cell] == Cell.GOAL
+
+
+def _places_of_goal_cells(scene: Scene) -> str:
+    """Return text with the centres of goals that are cells, whose indices change with the number of cells."""
+    cells = [goal.cell for goal in scene.goals if isinstance(goal, GoalCell)]
+    if not cells:
+        return ""
+    centres = [cell_centre(scene.axes, scene.frame, cell, "goal") for cell in cells]
+    return f", with goals at {', '.join(map(place_text, centres))} in place of goal cells, which are renumbered"
 
 
 def _finer(scene: Scene) -> Scene:

@@ -204,6 +204,10 @@ def link_document(text: str) -> Document:
     return Document(document, "the link", Path(), {})
 
 
+_REPEATED = ("obstacle", "goal", "start", "area", "hidden", "mask")
+"""Keys of a scene whose tables can occur several times, with two brackets."""
+
+
 def _toml(text: str, source: str) -> tuple[dict[str, Any], dict[KeyPath, int]]:
     text = text.replace("\r\n", "\n")
     try:
@@ -211,7 +215,10 @@ def _toml(text: str, source: str) -> tuple[dict[str, Any], dict[KeyPath, int]]:
     except tomllib.TOMLDecodeError as error:
         last = text.rstrip("\n").split("\n")
         end = f"at line {len(last)}, column {len(last[-1]) + 1}, the end of the document"
-        raise InputError(f"{source}: this is not TOML: {str(error).replace('at end of document', end)}") from None
+        twice = re.match(r"Cannot declare \('(\w+)',\) twice", str(error))
+        name = twice[1] if twice else ""
+        hint = f"; write [[{name}]] before every {name}" if name in _REPEATED else "; join both tables" if name else ""
+        raise InputError(f"{source}: this is not TOML: {str(error).replace('at end of document', end)}{hint}") from None
     except (RecursionError, ValueError) as error:
         raise InputError(f"{source}: this TOML cannot be read ({error}); check its nesting and its numbers") from None
 

@@ -22,7 +22,7 @@ from resgrid.scene.keepout import Keepout, forbidden_places, keepouts_of
 from resgrid.scene.maps.formats import format_of
 from resgrid.scene.maps.pictures import THRESHOLD, read_raster
 from resgrid.scene.maps.preparation import KEYS, extent_of_mask
-from resgrid.scene.maps.size_advice import smaller_map
+from resgrid.scene.maps.size_advice import coarser_division, smaller_map
 from resgrid.scene.nearest_place import are_unknown, is_unknown, nearest_cell, nearest_place, usable, why_blocked
 from resgrid.scene.scene import Scene
 from resgrid.scene.tolerances import require_no_heading, tolerant_goal
@@ -121,6 +121,9 @@ def remedy_of_size(scene: Scene) -> Remedy:
 
     def remedy(ratio: float) -> str:
         assert cells is not None
+        refine = cells.table.get("refine") or 1
+        if refine > 1:
+            return coarser_division(cells.cell.shape, 2 * ratio, refine)  # a solution needs twice the memory
         known = None if cells.unknown is None else extent_of_mask(~cells.unknown)
         fewer = FEWER_HEADINGS + ", or " if len(scene.axes) > len(cells.axes) else ""
         return fewer + smaller_map(cells.cell.shape, ratio, known)
@@ -150,7 +153,7 @@ def goal_cells(scene: Scene, goal: Goal, blocked: NDArray[np.bool_], key: str) -
         if blocked[cell]:
             why = why_blocked(scene, cell)
             remedies = _remedies(scene, blocked, cell)
-            if isinstance(goal, GoalPoint):
+            if isinstance(goal, GoalPoint) and any(goal is each for each in scene.goals):  # not an intermediate place
                 remedies += _tolerance_remedy(scene, blocked, cell, point)
             raise InputError(f"{key}: {words} {why}; {remedies}")
         cells = np.zeros_like(blocked)

@@ -24,6 +24,8 @@ def working_folder(tmp_path, monkeypatch, scenes):
     cell[5:15, 15], cell[:3] = 0, 205
     Image.fromarray(cell).save("map.pgm")
     (tmp_path / "map.yaml").write_text(HEAD)
+    for name in ("elbow.urdf", "recorded.mcap", "cells.csv"):
+        (tmp_path / name).write_text("0,1\n")
     (tmp_path / "arena.map").write_text("type octile\nheight 2\nwidth 4\nmap\n....\n....\n")
     (tmp_path / "arena.scen").write_text("version 1\n0\tmaps/other.map\t4\t2\t0\t0\t3\t1\t4\n")
     return tmp_path
@@ -51,6 +53,16 @@ MISTAKES = {
     "path map.yaml --goal 1.3,1 --start 1,1 --threads two": ["'two' is not a whole number; give digits only"],
     "control map.yaml --goal 1.3,1 --start 1,1 --speed fast": ["'fast' is not a number", "without unit"],
     "path map.yaml --goal 1.3,1 --start 1,1 --robot-radius 0.3": ["too near to an obstacle", "radius smaller"],
+    "--json path lesson.toml": ["options follow the command, as in: resgrid run SCENE --json"],
+    "-v run lesson.toml": ["options follow the command, as in: resgrid run SCENE -v"],
+    "path https://example.com/a.toml": ["https://example.com/a.toml: addresses are not opened; save the file"],
+    "chip lesson.toml --at-least 95%": ["'95%' is not a number"],
+    "info elbow.urdf": ["this is a robot, not a scene; write a scene with [robot]"],
+    "run recorded.mcap": ["use 'resgrid stream'"],
+    "run cells.csv": ["save the cells as an array with np.save"],
+    "run lesson.toml --no-check -o map.yaml/lesson": ["map.yaml is a file, not a folder; name another folder"],
+    "completion": ["Choose from: bash, zsh, fish"],
+    "live lesson.toml --no-browser --host 300.1.1.1": ["give an address of this computer, such as --host 127.0.0.1"],
 }
 
 
@@ -58,7 +70,7 @@ MISTAKES = {
 def test_a_common_mistake_has_one_message_and_exit_code_2(call, working_folder, words):
     before = set(working_folder.iterdir())
     result = call(*words.split())
-    assert result.exit_code == 2 and result.stdout == ""
+    assert result.exit_code == 2 and (result.stdout == "" or "--json" in words)
     assert result.stderr.startswith("resgrid: error: ") and result.stderr.count("resgrid: error") == 1
     for word in MISTAKES[words]:
         assert word in result.stderr
@@ -142,3 +154,94 @@ def test_an_angle_that_looks_like_degrees_is_reported(call, scenes):
         == "starts[0]: theta_1 = 90 is an angle of 14.3 turns; give angles in radians (90 degrees are 1.5708 rad)\n"
     )
     assert call("info", *arm, "--start", "1.5708,0").stderr == ""
+
+
+def test_a_deck_on_standard_input_names_the_missing_option(call):
+    deck = "* divider\nV1 in 0 5\nR1 in 0 1k\n.end\n"
+    assert "if it is a deck, add --read-as ngspice" in call("solve", "-", piped=deck).stderr
+    assert call("solve", "-", "--read-as", "ngspice", piped=deck).exit_code == 0
+    assert "--read-as" not in call("path", "-", piped=deck).stderr
+
+
+def test_the_sidecar_of_a_deck_names_the_deck(call, working_folder):
+    assert call("compile", "lesson.toml", "-o", "deck.cir").exit_code == 0
+    for commands in ("deck.cir.ngspice", "deck.cir.verify"):
+        rejected = call("check", commands)
+        assert rejected.exit_code == 2 and "the deck is the file without this suffix" in rejected.stderr
+    rejected = call("check", "deck.cir.json")
+    assert rejected.exit_code == 2 and rejected.stderr.endswith("check the deck: resgrid check deck.cir\n")
+
+
+def test_an_intermediate_place_in_an_obstacle_does_not_name_the_tolerance_of_goals(call, working_folder):
+    words = ("path", "map.yaml", "--goal", "0.5,0.5", "--start", "1,1", "--via", "1.55,1")
+    assert call(*words).stderr.endswith("the nearest is (1.45, 1.05)\n")
+
+
+def test_a_map_with_too_many_parts_names_a_smaller_division(call, working_folder, monkeypatch):
+    monkeypatch.setattr("resgrid._internal.memory.available_memory", lambda: 10**7)
+    words = ("path", "map.yaml", "--goal", "0.5,0.5", "--start", "1,1", "--refine")
+    rejected = call(*words, "100")
+    assert rejected.exit_code == 4 and rejected.stderr.endswith("; --refine 5 leaves 150 x 100 cells\n")
+    assert call(*words, "5").exit_code == 0
+    solving = call(*words, "20")
+    assert solving.exit_code == 4 and solving.stderr.endswith("; --refine 7 leaves 210 x 140 cells\n")
+    assert call(*words, "7").exit_code == 0
+
+
+def test_goal_cells_get_places_when_a_finer_grid_is_proposed(call, working_folder):
+    result = call("path", "lesson.toml", "--robot-radius", "0.5")
+    assert result.exit_code == 1 and "with goals at (6.5, 1.5) in place of goal cells" in result.stdout
+    finer = [option for axis in "01" for option in ("--set", f"grid.axes.{axis}.cells=16")]
+    assert call("path", "lesson.toml", "--robot-radius", "0.5", *finer, "--goal", "6.5,1.5").exit_code == 0
+
+
+def test_options_of_a_function_do_not_include_its_return_value(scenes):
+    path = rg.plan(rg.read_scene(scenes / "lesson.toml")).path((0.5, 6.5))
+    with pytest.raises(TypeError, match=r"it takes path, velocity_limits, acceleration_limits, tolerance, masks$"):
+        rg.time_parameterize(path, quick=1)
+
+
+@pytest.mark.parametrize(
+    ("key", "remedy"), [("obstacle", "write [[obstacle]] before every obstacle"), ("chip", "join")]
+)
+def test_a_repeated_table_of_a_scene_has_a_remedy(call, working_folder, key, remedy):
+    text = (working_folder / "lesson.toml").read_text().replace("[[obstacle]]", "[obstacle]")
+    if key == "chip":
+        text = (working_folder / "lesson.toml").read_text() + "[chip]\nmismatch = 0.1\n"
+    (working_folder / "twice.toml").write_text(text)
+    rejected = call("info", "twice.toml")
+    assert (
+        rejected.exit_code == 2 and f"Cannot declare ('{key}',) twice" in rejected.stderr and remedy in rejected.stderr
+    )
+
+
+def test_an_announcement_without_hidden_obstacles_is_reported(call, working_folder):
+    message = "ignored: announce: the scene has no hidden obstacles\n"
+    assert call("control", "lesson.toml", "--announce", "--steps", "2").stderr == message
+    rejected = call("control", "lesson.toml", "--announce", "--wavefront", "front.gif")
+    assert rejected.exit_code == 2 and "add a [[hidden]] table, or leave it out" in rejected.stderr
+    assert not (working_folder / "front.gif").exists()
+    hidden = '[[hidden]]\nshape = "circle"\ncentre = [2.5, 6.5]\nradius = 0.4\n'
+    text = (working_folder / "lesson.toml").read_text()
+    (working_folder / "hidden.toml").write_text(text + hidden)
+    assert call("control", "hidden.toml", "--announce", "--steps", "2").stderr == ""
+
+
+@pytest.mark.parametrize("options", [("--method", "petsc"), ("--ranks", "3"), ("--launcher", "srun -n 2")])
+def test_options_of_distributed_solutions_are_rejected_for_decks(call, working_folder, options):
+    (working_folder / "divider.cir").write_text("* divider\nV1 in 0 5\nR1 in 0 1k\n.end\n")
+    rejected = call("solve", "divider.cir", *options)
+    assert rejected.exit_code == 2 and "are for scenes; remove them" in rejected.stderr
+
+
+def test_the_picture_of_a_circuit_is_that_of_the_chosen_weight(call, working_folder, monkeypatch):
+    drawn = []
+    monkeypatch.setattr("resgrid.draw", drawn.append)
+    monkeypatch.setattr("resgrid.plot.figures.render_figure", lambda *_: b"")
+    words = ("plot", "lesson.toml", "--what", "circuit", "-o", "circuit.png", "--k")
+    for k in ("0,1", "1,0"):
+        assert call(*words, k).exit_code == 0
+    assert [len(op.netlist.current_amps) > 0 for op in drawn] == [True, False]  # the uniform drive has current sources
+    rejected = call(*words, "0.5")
+    assert rejected.exit_code == 2 and "in place of --k" in rejected.stderr
+    assert call(*words[:-1], "--boundary", "neumann").exit_code == 0

@@ -91,7 +91,7 @@ def test_a_full_standard_output_exits_with_2_and_one_message(scenes, options, un
     assert done.stderr.count("\n") == 1 and "No space left" in done.stderr
 
 
-@pytest.mark.parametrize(("sent", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize(("sent", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)])
 @pytest.mark.quick_cases(1)
 def test_an_interrupt_leaves_no_incomplete_files(scenes, tmp_path, sent, code):
     words = [*COMMAND, "run", str(scenes / "rooms.toml"), "-o", str(tmp_path / "out"), "-v"]

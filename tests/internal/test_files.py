@@ -144,3 +144,16 @@ os._exit(0)
 """
     subprocess.run([sys.executable, "-c", program], check=True, timeout=300, env=os.environ | {"TMPDIR": str(tmp_path)})
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("obstacle", ["b/", "c"])
+def test_no_result_is_moved_if_one_of_them_has_no_place(tmp_path: Path, obstacle: str) -> None:
+    """A directory has the name of the file b, or a file the name of the folder c."""
+    target = tmp_path / "out"
+    target.mkdir()
+    (target / obstacle).mkdir() if obstacle.endswith("/") else (target / obstacle).touch()
+    with pytest.raises(rg.InputError, match=r"name another folder$"), whole_folder(target) as folder:
+        (folder / "c").mkdir()
+        for name in ("a", "b", "c/d"):
+            (folder / name).touch()
+    assert names(target) == [obstacle.rstrip("/")] and names(tmp_path) == ["out"]

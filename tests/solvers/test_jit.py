@@ -1,4 +1,7 @@
-"""Compiled numba kernels: interrupts, recompilation after source changes, and the cache on disk."""
+"""Compiled numba kernels: interrupts, recompilation after source changes, and the cache on disk.
+
+Tests internals: `resgrid._internal.jit`.
+"""
 
 import os
 import re
@@ -6,11 +9,13 @@ import shutil
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 import resgrid
+from resgrid._internal import jit
 
 _SUM = """
 import numpy as np
@@ -119,3 +124,13 @@ def test_kernels_use_only_public_names_of_numba() -> None:
             r"numba\._|numba\.core\.(?!cgutils)|from numba\.core import (?!cgutils)|\b_nrt\b", file.read_text()
         )
         assert found is None, f"{file}: {found and found[0]}"
+
+
+def test_a_kernel_without_a_folder_for_its_machine_code_works_with_a_warning() -> None:
+    """Numba finds no folder for a function without a source file, as for a user who can write no folder."""
+    names: dict[str, Callable[[float], float]] = {}
+    exec("def doubled(x):\n    return 2.0 * x\n", names)
+    jit._warn_without_cache.cache_clear()
+    with pytest.warns(UserWarning, match=r"set the variable NUMBA_CACHE_DIR to a folder that you can write"):
+        doubled = jit.kernel(names["doubled"])
+    assert doubled(1.5) == 3.0 and jit.cache_folder(doubled) is None

@@ -141,6 +141,19 @@ def read_map(table: Mapping[str, Any], extent: float = 0.0) -> MapCells:
     return cells.with_table(table)
 
 
+_BAG = "this is a recording, not a map; use 'resgrid stream'"
+_LAYOUT = "this is a board or a layout, not a map; use 'resgrid check'"
+_COMMANDS = "these are commands for a simulator; the deck is the file without this suffix"
+_NO_MAPS = {
+    ".urdf": 'this is a robot, not a scene; write a scene with [robot], type = "urdf" and file = "..."',
+    ".csv": "this is a table, not a map; save the cells as an array with np.save",
+    **dict.fromkeys((".verify", ".ngspice", ".ltspice", ".xyce", ".hspice", ".spectre"), _COMMANDS),
+    **dict.fromkeys((".bag", ".mcap", ".db3"), _BAG),
+    **dict.fromkeys((".gds", ".oas", ".kicad_pcb", ".kicad_pro", ".kicad_sch"), _LAYOUT),
+}
+"""Suffixes of files that are not maps, with the remedy for the message."""
+
+
 def format_of(path: Path, table: Mapping[str, Any]) -> str:
     """Return the name of the format of the map file `path`: from its ``[map]`` table, its suffix, or its first bytes.
 
@@ -155,6 +168,8 @@ def format_of(path: Path, table: Mapping[str, Any]) -> str:
     for name, entry in FORMATS.items():
         if start.startswith(entry.magic):
             return name
+    if path.suffix.lower() in _NO_MAPS:
+        raise InputError(f"{path}: {_NO_MAPS[path.suffix.lower()]}")
     known = ", ".join(suffix for entry in FORMATS.values() for suffix in entry.suffixes)
     raise InputError(
         f"{path}: this is not a map of a known format; scenes end in .toml, maps in {known}; rename the file, or give "

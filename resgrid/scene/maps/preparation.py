@@ -19,6 +19,7 @@ from resgrid.core.frame import Frame
 from resgrid.errors import InputError
 from resgrid.robots import CellSet
 from resgrid.scene.maps.arrays import MapCells
+from resgrid.scene.maps.size_advice import require_divided_memory
 
 Window = tuple[tuple[int, int], ...]
 """Part of a map: for each axis the index of its first cell, and of the cell after its last one."""
@@ -157,6 +158,8 @@ class Preparation:
             count = step * ceil((lead + max(high, end) - low) / step)
             pads.append((lead, count - lead - (high - low)))
         joined = _coarsened_in_bands(source, step, outer, pads)
+        if self.refine > 1:
+            require_divided_memory(joined[0].shape, self.refine)
         codes, unknown, conductivity = (_repeated(values, self.refine) for values in joined)
         assert codes is not None
         begins = [(low - lead, axis) for (low, _), (lead, _), axis in zip(outer, pads, axes, strict=True)]

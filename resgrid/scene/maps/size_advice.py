@@ -1,14 +1,17 @@
-"""Text of the error for a map with too many cells: options that crop or coarsen it, and the resulting sizes."""
+"""Errors for maps with too many cells: options that crop, coarsen or divide a map, and the resulting sizes."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from math import ceil, prod
 
-from resgrid.scene.maps.preparation import Window
+from resgrid._internal.memory import require_grid_memory
+
+_SOLUTION = 40
+"""Approximate memory of a solution divided by the memory in which a scene is sampled."""
 
 
-def smaller_map(shape: Sequence[int], ratio: float, known: Window | None) -> str:
+def smaller_map(shape: Sequence[int], ratio: float, known: Sequence[tuple[int, int]] | None) -> str:
     """Return text that names the options which make a map fit in memory, with the numbers of cells that remain.
 
     `shape`: number of cells along every axis of the map; `ratio`: needed divided by available memory; `known`: window
@@ -20,6 +23,27 @@ def smaller_map(shape: Sequence[int], ratio: float, known: Window | None) -> str
     if kept != list(shape):
         parts = ["--crop known" + _joined(kept, ratio * prod(kept) / prod(shape))]
     return ", or ".join([*parts, _joined(shape, ratio).strip()])
+
+
+def require_divided_memory(shape: Sequence[int], refine: int) -> None:
+    """Raise BudgetError if the cells of a divided map do not fit in memory, with a division that can also be solved.
+
+    `shape`: number of cells along every axis before the division; `refine`: number of parts of each cell along an axis.
+    """
+    divided = tuple(cells * refine for cells in shape)
+    require_grid_memory(divided, "map", remedy=lambda ratio: coarser_division(divided, _SOLUTION * ratio, refine))
+
+
+def coarser_division(shape: Sequence[int], ratio: float, refine: int) -> str:
+    """Return text that names the value of the option ``refine`` which makes a divided map fit in memory.
+
+    `shape`: number of cells along every axis of the divided map; `ratio`: needed divided by available memory; `refine`:
+    number of parts of a cell of the map along each axis.
+    """
+    whole = [cells // refine for cells in shape]
+    kept = max(int(refine / max(ratio, 1.0) ** (1 / len(shape))), 1)
+    option = f"--refine {kept} leaves" if kept > 1 else "without --refine it has"
+    return f"{option} {_size([cells * kept for cells in whole])} cells"
 
 
 def _joined(shape: Sequence[int], ratio: float) -> str:

@@ -1,0 +1,65 @@
+"""Scenes and maps from standard input."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+import resgrid as rg
+from resgrid._internal.files import decode
+from resgrid.cli.options import CommandInput
+from resgrid.cli.streams import standard_input
+from resgrid.errors import InputError
+
+if TYPE_CHECKING:
+    from resgrid.scene.reading import Document
+
+
+def refuse_map_options(source: CommandInput) -> None:
+    """Raise InputError if options of maps are given for a scene without a map."""
+    if source.map_options:
+        options = ", ".join(source.map_options)
+        raise InputError(f"{source.file}: this scene has no map, so {options} has no effect; leave it out")
+
+
+def piped_scene(source: CommandInput) -> rg.Scene:
+    """Return the scene from standard input, which is TOML or a map, recognised by its first bytes."""
+    from resgrid.scene.maps.formats import FORMATS
+    from resgrid.scene.maps.ros_header import NEWEST, read_header
+    from resgrid.scene.overrides import build_changed
+    from resgrid.scene.reading import read_document
+
+    data = standard_input().read()
+    if not data.strip():
+        raise InputError("standard input is empty; give a scene file, or pipe one")
+    if (
+        not data.startswith(tuple(begin for entry in FORMATS.values() for begin in entry.magic))
+        and source.map_options.get("format") is None
+    ):
+        refuse_map_options(source)
+        return build_changed(_piped_document(data), source.changes)
+    # The folder exists until the subcommand ends, because some subcommands read the map again.
+    file = Path(click.get_current_context().with_resource(tempfile.TemporaryDirectory())) / "standard_input"
+    file.write_bytes(data)
+    if source.map_options.get("format") == "ros":
+        image = read_header(file, source.map_options.get("dialect", NEWEST)).image
+        if not Path(image).is_absolute():
+            raise InputError(
+                f"standard input: the picture {image!r} lies in an unknown folder; name the file of the map"
+            )
+    return build_changed(read_document(file, source.map_options), source.changes)
+
+
+def _piped_document(data: bytes) -> Document:
+    """Return the TOML document of standard input; the error for other text names the option of a piped deck."""
+    from resgrid.scene.reading import parse_document
+
+    try:
+        return parse_document(decode(data, Path("standard input")), "standard input")
+    except InputError as error:
+        context = click.get_current_context(silent=True)
+        takes_decks = context is not None and "read_as" in context.params
+        raise InputError(f"{error}; if it is a deck, add --read-as ngspice" if takes_decks else str(error)) from None
