@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.core import ParameterSource
 
 import resgrid as rg
 from resgrid.cli.decks import is_deck, open_deck, refuse_scene_options, solve_deck
@@ -89,7 +90,10 @@ def command(source: CommandInput, rules: bool, deck: str | None, tolerance: floa
             raise InputError(
                 f"{source.file} is a board or layout, and --rules and --deck check scenes and decks; leave them out"
             )
+        _refuse_unused(f"{source.file} is a board or layout, which no simulator runs", "engine")
         return check_hardware(source, tolerance, timeout)
+    if rules:
+        _refuse_unused("--rules runs no simulator", "tolerance", "timeout", "engine")
     given = is_deck(source)
     if given and source.file == "-" and not rules:
         raise InputError("a simulator cannot run a deck from standard input: write it to a file, or use --rules")
@@ -106,6 +110,14 @@ def command(source: CommandInput, rules: bool, deck: str | None, tolerance: floa
         agreement, ignored = _check_scene(source, deck, limits)
         finish(agreement_data(agreement) | ignored, agreement_lines(agreement))
     return NOT_VERIFIED if agreement.agrees is None else 0 if agreement.agrees else NEGATIVE
+
+
+def _refuse_unused(why: str, *options: str) -> None:
+    """Raise InputError if options without effect are given on the command line; `why`: reason, as a clause."""
+    sources = click.get_current_context().get_parameter_source
+    given = [f"--{option}" for option in options if sources(option) is ParameterSource.COMMANDLINE]
+    if given:
+        raise InputError(f"{why}: leave out {', '.join(given)}")
 
 
 def _check_rules(source: CommandInput, given: bool) -> int:

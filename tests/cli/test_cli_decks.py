@@ -150,6 +150,13 @@ def test_check_rules_exits_with_1_for_errors(answer, call, deck, island, lesson)
     assert "1 error," in printed and "expected behaviour of simulators" in printed
 
 
+def test_check_refuses_options_that_a_check_of_rules_would_ignore(call, deck):
+    for option, value in (("--tolerance", "1e-9"), ("--timeout", "9"), ("--engine", "ngspice")):
+        refused = call("check", "--rules", deck, option, value)
+        assert refused.exit_code == 2
+        assert f"--rules runs no simulator: leave out {option}" in refused.stderr
+
+
 def test_check_compares_ngspice_with_the_solution(answer, call, deck, island, tmp_path):
     data = answer("check", deck)
     assert data["agrees"] and data["reference"] == "solve" and data["nodes"] == 5 and data["remark"] == ""

@@ -7,8 +7,6 @@ from __future__ import annotations
 
 import io
 import os
-import resource
-import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -22,10 +20,8 @@ LIMIT = 4096
 """Size limit of written files, in bytes."""
 
 
-def limited() -> None:
-    """Limit the size of files in the child process, where a further write fails as on a full disk."""
-    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (LIMIT, LIMIT))
+LIMITED = ["sh", "-c", f'ulimit -f {LIMIT // 512}; exec "$@"', "sh"]
+"""Start of a command line in which a write beyond the limit fails as on a full disk: Python ignores SIGXFSZ."""
 
 
 @pytest.mark.parametrize("unbuffered", ["", "1"])
@@ -40,7 +36,7 @@ def test_a_truncated_standard_output_exits_with_2(scenes, tmp_path, words, unbuf
     written = tmp_path / "written"
     with written.open("wb") as file:
         done = subprocess.run(
-            line, stdout=file, stderr=subprocess.PIPE, text=True, check=False, env=environment, preexec_fn=limited
+            [*LIMITED, *line], stdout=file, stderr=subprocess.PIPE, text=True, check=False, env=environment
         )
     assert written.read_bytes() == whole[:LIMIT] != whole
     assert (done.returncode, done.stderr.count("\n")) == (2, 1) and "File too large" in done.stderr
@@ -89,7 +85,7 @@ def test_files_do_not_get_the_descriptors_of_closed_streams(tmp_path):
 
 def test_a_full_disk_of_compiled_kernels_names_the_variable_of_their_folder(scenes, tmp_path):
     environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path), "PYTHONDONTWRITEBYTECODE": "1"}
-    words = [*COMMAND, "path", str(scenes / "lesson.toml"), "-q"]
-    done = subprocess.run(words, capture_output=True, text=True, check=False, env=environment, preexec_fn=limited)
+    words = [*LIMITED, *COMMAND, "path", str(scenes / "lesson.toml"), "-q"]
+    done = subprocess.run(words, capture_output=True, text=True, check=False, env=environment)
     assert done.returncode == 2 and done.stderr.count("\n") == 1
     assert "compiled kernels cannot be stored: File too large" in done.stderr and "NUMBA_CACHE_DIR" in done.stderr
