@@ -12,6 +12,7 @@ import re
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -91,6 +92,15 @@ def test_a_full_standard_output_exits_with_2_and_one_message(scenes, options, un
     assert done.stderr.count("\n") == 1 and "No space left" in done.stderr
 
 
+@pytest.fixture
+def default_hangup() -> Iterator[None]:
+    """Let child processes receive SIGHUP, which they would ignore if the tests ran below ``nohup``."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    yield
+    signal.signal(signal.SIGHUP, before)
+
+
+@pytest.mark.usefixtures("default_hangup")
 @pytest.mark.parametrize(("sent", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)])
 @pytest.mark.quick_cases(1)
 def test_an_interrupt_leaves_no_incomplete_files(scenes, tmp_path, sent, code):
