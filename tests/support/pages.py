@@ -77,7 +77,8 @@ def until(page: Page, condition: str) -> None:
 
 def settle(page: Page) -> None:
     """Wait until the drawing has been solved and certified."""
-    until(page, "live.model.scene && live.solved === live.model.scene && live.frames.at(-1).exact")
+    until(page, "live.model.scene && [live.solved, live.settled].every((one) => one === live.model.scene)")
+    until(page, "live.frames.at(-1).exact")
 
 
 def open_example(page: Page, name: str) -> None:

@@ -27,6 +27,7 @@ const SAME = { ideal: [...DRAWN, "k"], "k = 0": [...DRAWN, "chip", "broken"], "k
 
 export class Page {
   /** The scene of the frame that is shown. @type {Scene | null} */ solved = null;
+  /** The scene that was solved last after a gesture, from which the server begins transients. @type {Scene | null} */ settled = null;
   /** Times of received frames, for tests. @type {{at: number, took: number, exact: boolean}[]} */ frames = [];
   #base = "";
   #isReading = false;
@@ -183,7 +184,7 @@ export class Page {
   async #greet(head, body) {
     const { parts: { get, input }, model, tools, about: { switches, shelf, fragment } } = this;
     if (model.scene) {
-      this.solved = null;
+      this.settled = null;
       return this.#solve();
     }
     const first = readScene(head, body);
@@ -253,10 +254,11 @@ export class Page {
     }
   }
 
-  /** Request the field of the present scene, unless its exact field is shown. */
+  /** Request the field of the present scene, unless its exact field is shown and known to the server as settled. */
   async #askField() {
     const { model: { scene }, wire } = this;
-    if (!scene || !wire.isOpen || (scene === this.solved && this.view.frame?.exact)) return;
+    if (!scene || !wire.isOpen) return;
+    if (scene === this.settled && scene === this.solved && this.view.frame?.exact) return;
     const exact = this.model.before === null, began = performance.now(), why = this.frames.length ? "solving" : "compiling kernels, once";
     const slow = setInterval(() => {
       const waited = performance.now() - began;
@@ -266,6 +268,7 @@ export class Page {
       const [head, body] = await wire.ask({ type: "solve", exact }, scene), frame = readFrame(head, body, sizeOf(scene));
       this.frames.push({ at: performance.now(), took: performance.now() - began, exact: frame.exact });
       if (this.frames.length > 2000) this.frames.splice(0, 1000);
+      if (exact) this.settled = scene;
       this.#showFrame(frame, scene);
     } catch (error) {
       if (!wire.isOpen) return;
