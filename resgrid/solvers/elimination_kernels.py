@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from resgrid._internal.jit import inlined, inner, inner_fast, kernel
 from resgrid.solvers.elimination_arrays import Fronts, Planes, Tree
 from resgrid.solvers.supernodal import range_sum
+from resgrid.solvers.supernodal_factors import add_column
 
 _PANEL = 8
 """Number of columns of a front that are eliminated before the other columns are updated."""
@@ -252,7 +253,7 @@ def _eliminate_dense(tree: Tree, fronts: Fronts, node: int, panel: Floats, weigh
                 weight = values[_column(base, rows, j) + j] * fraction
                 if weight != 0.0:
                     ground[row + k] += weight * ground[row + j]
-                    _add_column(values, column + k + 1, panel, (j - first) * rows + k + 1, weight, rows - k - 1)
+                    add_column(values, column + k + 1, panel, (j - first) * rows + k + 1, weight, rows - k - 1)
             pivot = ground[row + k] + range_sum(values, column + k + 1, column + rows)
             if not (pivot > _SMALLEST and math.isfinite(pivot)):
                 return False
@@ -323,15 +324,6 @@ def _add_panel(
         w4, w5, w6, w7 = panel[e + i], panel[f + i], panel[g + i], panel[h + i]
         values[u + i] += ((p0 * w0 + p1 * w1) + (p2 * w2 + p3 * w3)) + ((p4 * w4 + p5 * w5) + (p6 * w6 + p7 * w7))
         values[v + i] += ((q0 * w0 + q1 * w1) + (q2 * w2 + q3 * w3)) + ((q4 * w4 + q5 * w5) + (q6 * w6 + q7 * w7))
-
-
-@inner_fast
-def _add_column(target: Floats, there: int, source: Floats, here: int, weight: float, count: int) -> None:
-    """Add ``weight * source[here + i]`` to ``target[there + i]`` for all ``i < count``."""
-    t, s = np.uint64(there), np.uint64(here)
-    for each in range(count):
-        i = np.uint64(each)
-        target[t + i] += weight * source[s + i]
 
 
 @inner_fast

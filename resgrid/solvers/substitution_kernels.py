@@ -9,9 +9,10 @@ import numpy as np
 
 from resgrid._internal.jit import inlined, inner, inner_fast, kernel
 from resgrid.solvers.elimination_arrays import Fronts, Tree
-from resgrid.solvers.elimination_kernels import _add_column, _column
+from resgrid.solvers.elimination_kernels import _column
 from resgrid.solvers.scaled import Floats, Integers
 from resgrid.solvers.scaled_kernels import NO_EXPONENT, _add_product, _canonical, _shift
+from resgrid.solvers.supernodal_factors import add_column
 
 _LEAST, _MOST = 2.0**-300, 2.0**700
 """Smallest and largest magnitude of a sum of doubles in which no term overflows or underflows significantly.
@@ -64,7 +65,7 @@ def substitute_plainly(tree: Tree, fronts: Fronts, x: Floats) -> float:
             buffer[r] = x[fronts.cell[row + r]]
         for k in range(first, pivots):
             column = _column(base, rows, k)
-            _add_column(buffer, k + 1, fronts.values, column + k + 1, buffer[k], rows - k - 1)
+            add_column(buffer, k + 1, fronts.values, column + k + 1, buffer[k], rows - k - 1)
             x[fronts.cell[row + k]] = buffer[k] / fronts.values[column + k]
         for r in range(pivots, rows):
             x[fronts.cell[row + r]] = buffer[r]
@@ -111,7 +112,7 @@ def _forward(tree: Tree, fronts: Fronts, node: int, m: Floats, e: Integers, buff
         return
     common = _align(fronts, row, first, rows, m, e, buffer)
     for k in range(first, pivots):
-        _add_column(buffer, k + 1, fronts.values, _column(base, rows, k) + k + 1, buffer[k], rows - k - 1)
+        add_column(buffer, k + 1, fronts.values, _column(base, rows, k) + k + 1, buffer[k], rows - k - 1)
     is_plain = True
     for r in range(first, rows):
         is_plain = is_plain and buffer[r] >= _LEAST

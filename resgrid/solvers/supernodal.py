@@ -17,7 +17,7 @@ from resgrid._internal.jit import ZERO, inlined, inner_fast, kernel
 from resgrid.errors import AccuracyError
 from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.scaled import Floats, Indices
-from resgrid.solvers.supernodal_factors import SupernodalFactors
+from resgrid.solvers.supernodal_factors import SupernodalFactors, add_column
 from resgrid.solvers.symbolic import Supernodes, Symbolic, order_rows
 
 _STRETCH = 2_000
@@ -237,7 +237,5 @@ def _add_columns(
             target[t + i] += (w0 * values[s0 + i] + w1 * values[s1 + i]) + (w2 * values[s2 + i] + w3 * values[s3 + i])
         k += 4
     while k < columns:
-        w, s = weight[k], np.uint64(here + k * apart)
-        for each in range(count):
-            target[t + np.uint64(each)] += w * values[s + np.uint64(each)]
+        add_column(target, there, values, here + k * apart, weight[k], count)
         k += 1

@@ -110,7 +110,7 @@ def _forward(nodes: Supernodes, values: Floats, m: Floats, e: Integers, column: 
     end = length if first_nonzero < columns else first_nonzero
     common, plain = _align(nodes.rows, begin, first_nonzero, end, m, e, column), True
     for c in range(first_nonzero, columns):
-        _add_multiple(column, c + 1, column[c], values, base + c * length + c + 1, length - c - 1)
+        add_column(column, c + 1, values, base + c * length + c + 1, column[c], length - c - 1)
     for r in range(first_nonzero, end):
         plain = plain and abs(column[r]) >= _LEAST
     for r in range(first_nonzero, end if plain else first_nonzero):
@@ -175,12 +175,12 @@ def _align(rows: Indices, begin: int, skipped: int, length: int, m: Floats, e: I
 
 
 @inner_fast
-def _add_multiple(target: Floats, there: int, factor: float, values: Floats, here: int, count: int) -> None:
-    """Add ``factor values[here + i]`` to ``target[there + i]`` for all ``i < count``."""
+def add_column(target: Floats, there: int, source: Floats, here: int, weight: float, count: int) -> None:
+    """Add ``weight * source[here + i]`` to ``target[there + i]`` for all ``i < count``."""
     t, s = np.uint64(there), np.uint64(here)
     for each in range(count):
         i = np.uint64(each)
-        target[t + i] += factor * values[s + i]
+        target[t + i] += weight * source[s + i]
 
 
 @inner_fast
