@@ -7,13 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from click.core import ParameterSource
 
 import resgrid as rg
 from resgrid.cli.decks import is_deck, open_deck, refuse_scene_options, solve_deck
 from resgrid.cli.hardware_checks import check_hardware, is_hardware
 from resgrid.cli.option_types import Suggested, fraction_below
-from resgrid.cli.options import POSITIVE, CommandInput, subcommand, with_source
+from resgrid.cli.options import POSITIVE, CommandInput, given_options, refuse_unused, subcommand, with_source
 from resgrid.cli.scenes import open_job, report_ignored
 from resgrid.cli.terminal import NEGATIVE, NOT_VERIFIED, counted, detail, finish, say, stage
 from resgrid.errors import InputError, ResgridError, ToolMissingError
@@ -90,10 +89,10 @@ def command(source: CommandInput, rules: bool, deck: str | None, tolerance: floa
             raise InputError(
                 f"{source.file} is a board or layout, and --rules and --deck check scenes and decks; leave them out"
             )
-        _refuse_unused(f"{source.file} is a board or layout, which no simulator runs", "engine")
+        refuse_unused(f"{source.file} is a board or layout, which no simulator runs", given_options("engine"))
         return check_hardware(source, tolerance, timeout)
     if rules:
-        _refuse_unused("--rules runs no simulator", "tolerance", "timeout", "engine")
+        refuse_unused("--rules runs no simulator", given_options("tolerance", "timeout", "engine"))
     given = is_deck(source)
     if given and source.file == "-" and not rules:
         raise InputError("a simulator cannot run a deck from standard input: write it to a file, or use --rules")
@@ -110,14 +109,6 @@ def command(source: CommandInput, rules: bool, deck: str | None, tolerance: floa
         agreement, ignored = _check_scene(source, deck, limits)
         finish(agreement_data(agreement) | ignored, agreement_lines(agreement))
     return NOT_VERIFIED if agreement.agrees is None else 0 if agreement.agrees else NEGATIVE
-
-
-def _refuse_unused(why: str, *options: str) -> None:
-    """Raise InputError if options without effect are given on the command line; `why`: reason, as a clause."""
-    sources = click.get_current_context().get_parameter_source
-    given = [f"--{option}" for option in options if sources(option) is ParameterSource.COMMANDLINE]
-    if given:
-        raise InputError(f"{why}: leave out {', '.join(given)}")
 
 
 def _check_rules(source: CommandInput, given: bool) -> int:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+from click.core import ParameterSource
 
 from resgrid.cli.option_types import (
     Number,
@@ -268,6 +269,19 @@ def dialect_option(default: str | None = "ngspice") -> Decorator:
         "--dialect", type=Suggested("dialect", *DIALECTS), default=default,
         help=f"SPICE dialect of the deck: {', '.join(DIALECTS)}.",
     )  # fmt: skip
+
+
+def given_options(*names: str) -> list[str]:
+    """Return those of the options `names` of the subcommand that stand on the command line, without dashes."""
+    source_of = click.get_current_context().get_parameter_source
+    return [name for name in names if source_of(name) is ParameterSource.COMMANDLINE]
+
+
+def refuse_unused(why: str, names: Sequence[str]) -> None:
+    """Raise InputError that names options without effect, if there are any; `why`: reason, as a clause."""
+    if names:
+        options = ", ".join(f"--{name.replace('_', '-')}" for name in names)
+        raise InputError(f"{why}: leave out {options}")
 
 
 def _source(file: str, keys: dict[str, Any], of_map: Mapping[str, Any], of_deck: Mapping[str, Any]) -> CommandInput:

@@ -12,7 +12,17 @@ import resgrid as rg
 from resgrid.cli.arms import check_routes, collides
 from resgrid.cli.legs import answer_legs
 from resgrid.cli.option_types import NumberRange
-from resgrid.cli.options import NUMBERS, POSITIVE, CommandInput, output_option, subcommand, with_method, with_source
+from resgrid.cli.options import (
+    NUMBERS,
+    POSITIVE,
+    CommandInput,
+    given_options,
+    output_option,
+    refuse_unused,
+    subcommand,
+    with_method,
+    with_source,
+)
 from resgrid.cli.paths import answer_queries, plan_routes, route_lines
 from resgrid.cli.scenes import open_job, place_of, report_ignored, require_starts
 from resgrid.cli.terminal import NEGATIVE, finish, say
@@ -109,9 +119,7 @@ def command(
     if output is not None and queries is None:
         check_routes_file(output)
     if queries is not None:
-        _check_query_options(
-            source, shorten=shorten, speed=speed, acceleration=acceleration, rate=rate, fixed_joints=fixed_joints
-        )
+        _check_query_options(source)
     job = open_job(source, require_goal=queries is None, method=method, ranks=ranks, launcher=launcher)
     ignored = report_ignored(job, "grid")
     if queries is not None:
@@ -147,21 +155,12 @@ def _report_speed_masks(scene: rg.Scene, *, timed: bool) -> None:
         say("ignored: the speed limits of masks, which apply to timed paths; add --speed")
 
 
-def _check_query_options(source: CommandInput, **options: object) -> None:
-    """Raise InputError for options without effect on the answers to queries.
-
-    `source`: input of the subcommand, whose places are also rejected; `options`: value of each option by name.
-    """
-    keys = dict.fromkeys(key.removesuffix("_cell") for key in source.changes)
-    names = [
-        *(key for key in ("goal", "start", "goal_tolerance") if key in keys),
-        *(key for key in options if options[key]),
-    ]
-    if names:
-        given = ", ".join(f"--{name.replace('_', '-')}" for name in names)
-        raise InputError(
-            f"--queries only gives lengths of streamlines between the places of the file: leave out {given}"
-        )
+def _check_query_options(source: CommandInput) -> None:
+    """Raise InputError for options without effect on the answers to queries, and for places in `source`."""
+    keys = {key.removesuffix("_cell") for key in source.changes}
+    names: list[str] = [key for key in ("goal", "start", "goal_tolerance") if key in keys]
+    names += given_options("shorten", "speed", "acceleration", "rate", "fixed_joints")
+    refuse_unused("--queries only gives lengths of streamlines between the places of the file", names)
 
 
 def _write(routes: Sequence[Route], output: str, fixed_joints: bool) -> bool:

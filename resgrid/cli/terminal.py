@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 Value = TypeVar("Value")
 
 NEGATIVE, USAGE, TOOL_MISSING, OUT_OF_BUDGET, NOT_VERIFIED, UNEXPECTED = 1, 2, 3, 4, 5, 70
-INTERRUPTED, BROKEN_PIPE, TERMINATED = 130, 141, 143  # 128 + number of the signal: SIGINT, SIGPIPE, SIGTERM
+INTERRUPTED, BROKEN_PIPE = 130, 141  # 128 + number of the signal: SIGINT, SIGPIPE
 
 _CODES: tuple[tuple[type[BaseException], int], ...] = (
     (errors.AccuracyError, NEGATIVE),
