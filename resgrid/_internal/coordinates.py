@@ -1,4 +1,4 @@
-"""Coordinates as text for messages."""
+"""Coordinates and their ranges as text for messages."""
 
 from __future__ import annotations
 
@@ -20,3 +20,13 @@ def coordinate_text(value: float, step: float = 1e-3) -> str:
         return f"{value:g}"
     digits = math.floor(math.log10(abs(value))) - math.floor(math.log10(step)) + 1
     return f"{value:.{min(max(digits, _DIGITS), _MOST_DIGITS)}g}"
+
+
+def span_text(lower: float, upper: float) -> str:
+    """Return a range of coordinates as text, such as ``0 to 8``."""
+    return f"{coordinate_text(lower)} to {coordinate_text(upper)}"
+
+
+def interval_text(name: str, lower: float, upper: float) -> str:
+    """Return the range of a coordinate as text, such as ``x in [0, 8]``."""
+    return f"{name} in [{coordinate_text(lower)}, {coordinate_text(upper)}]"

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import resgrid as rg
-from resgrid._internal.coordinates import coordinate_text
+from resgrid._internal.coordinates import span_text
 from resgrid.cli.arms import verdict_data, verdict_lines
 from resgrid.cli.decks import deck_data, is_deck, open_deck
 from resgrid.cli.options import CommandInput, subcommand, with_source
@@ -265,10 +265,7 @@ def _sketch_lines(data: dict[str, Any]) -> Iterable[str]:
     yield f"  sketch        {across['name']} to the right, {up['name']} upwards{whose}: {data['sketch_key']}"
     shown = list(zip(data["axes"], data["sketch_lower"], data["sketch_upper"], strict=True))
     if any((axis["lower"], axis["upper"]) != (low, high) for axis, low, high in shown):
-        part = ", ".join(
-            f"{axis['name']} {coordinate_text(low)} to {coordinate_text(high)} {axis['unit']}"
-            for axis, low, high in shown
-        )
+        part = ", ".join(f"{axis['name']} {span_text(low, high)} {axis['unit']}" for axis, low, high in shown)
         yield f"                only the known part: {part}; all other cells are unknown"
     yield from (f"    {row}" for row in data["sketch"])
 
@@ -278,7 +275,7 @@ def _lines(data: dict[str, Any]) -> Iterable[str]:
     for axis in data["axes"]:
         ring = ", periodic" if axis["periodic"] else ""
         yield (
-            f"  {axis['name']}: {coordinate_text(axis['lower'])} to {coordinate_text(axis['upper'])} {axis['unit']}, "
+            f"  {axis['name']}: {span_text(axis['lower'], axis['upper'])} {axis['unit']}, "
             f"{axis['cells']} cells of {axis['spacing']:.6g} {axis['unit']}{ring}"
         )
     yield from _map_lines(data)

@@ -10,7 +10,7 @@ import numpy as np
 from annotated_types import Ge, Le
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid._internal.coordinates import coordinate_text
+from resgrid._internal.coordinates import interval_text
 from resgrid._internal.numbers import per_axis
 from resgrid._internal.validation import checked
 from resgrid.errors import InputError
@@ -94,6 +94,11 @@ class Axis:
         return np.linspace(self.lower, self.upper, self.cells + 1)
 
 
+def extent_of(axes: Sequence[Axis]) -> str:
+    """Return the ranges of axes as text, such as ``x in [0, 8], y in [0, 8]``."""
+    return ", ".join(interval_text(axis.name, axis.lower, axis.upper) for axis in axes)
+
+
 def split_points(
     axes: Sequence[Axis], point: ArrayLike, reach: ArrayLike | None = None
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
@@ -118,10 +123,9 @@ def split_points(
     inside = np.all((scaled >= np.negative(slack)) & (scaled <= size + slack), axis=-1)
     if not np.all(inside):
         wrong = np.atleast_2d(points)[~np.atleast_1d(inside)][0]
-        ranges = ", ".join(
-            f"{axis.name} in [{coordinate_text(axis.lower)}, {coordinate_text(axis.upper)}]" for axis in axes
+        raise InputError(
+            f"the point {tuple(wrong.tolist())} lies outside the grid; give a point with {extent_of(axes)}"
         )
-        raise InputError(f"the point {tuple(wrong.tolist())} lies outside the grid; give a point with {ranges}")
     cells = np.clip(np.floor(scaled), 0, size - 1).astype(np.int64)
     return cells, np.clip(scaled - cells, 0.0, 1.0)
 

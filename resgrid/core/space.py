@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid._internal.coordinates import coordinate_text
+from resgrid._internal.coordinates import span_text
 from resgrid._internal.numbers import real_numbers
 from resgrid._internal.validation import checked
 from resgrid._internal.values import frozen, picture_html
@@ -111,10 +111,7 @@ class ConfigurationSpace:
 
     def __repr__(self) -> str:
         cells = " x ".join(map(str, self.shape))
-        axes = ", ".join(
-            f"{axis.name} {coordinate_text(axis.lower)} to {coordinate_text(axis.upper)} {axis.unit}".rstrip()
-            for axis in self.axes
-        )
+        axes = ", ".join(f"{axis.name} {span_text(axis.lower, axis.upper)} {axis.unit}".rstrip() for axis in self.axes)
         obstacle, goal = (int(np.count_nonzero(self.cell == code)) for code in (Cell.OBSTACLE, Cell.GOAL))
         open_cells = "" if self.undecided is None else f" ({int(self.undecided.sum())} of them undecided)"
         return f"<ConfigurationSpace of {cells} cells, {axes}: {obstacle} obstacle{open_cells}, {goal} goal>"

@@ -382,7 +382,7 @@ def _blocking_parts(scene: Scene, space: ConfigurationSpace) -> dict[str, NDArra
     parts |= {
         effect.name: plain.occupancy(scene.axes, [effect.obstacle], scene.sampling) & ~itself
         for effect in keepouts
-        if effect.inflate
+        if effect.obstacle is not None
     }
     parts |= forbidden_places(scene, keepouts)
     if plain != scene.robot:

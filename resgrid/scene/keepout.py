@@ -22,16 +22,15 @@ class Keepout(NamedTuple):
     """Effect of a keep-out mask on the cells of the plane.
 
     `name`: key path of the mask, such as ``mask[0]``; `blocked` (columns, rows): mask of forbidden cells;
-    `conductivity` (columns, rows): upper bound of the relative conductivity of every cell; `inflate`: whether the whole
-    robot stays out of forbidden cells; otherwise only its reference point does; `obstacle`: the forbidden cells as an
-    obstacle in the coordinates of the space, with `inflate` also those around the grid that the robot can touch.
+    `conductivity` (columns, rows): upper bound of the relative conductivity of every cell; `obstacle`: for a mask
+    that keeps the whole robot out, the forbidden cells, and those around the grid that the robot can touch, as an
+    obstacle in the coordinates of the space; None for a mask that keeps only the robot's reference point out.
     """
 
     name: str
     blocked: NDArray[np.bool_]
     conductivity: NDArray[np.float64]
-    inflate: bool
-    obstacle: CellSet
+    obstacle: CellSet | None
 
 
 def keepouts_of(scene: Scene) -> list[Keepout]:
@@ -49,12 +48,14 @@ def keepouts_of(scene: Scene) -> list[Keepout]:
         grid, axes = read_mask(mask.file, mask.dialect), scene.axes[:2]
         around = _axes_around(axes, scene, grid) if mask.inflate else axes
         occupancy = grid.largest_in(around, scene.frame, centres=scene.sampling == "centre")
-        solid = (*around, *scene.axes[2:]) if scene.robot.turning_length is None else around  # columns, in space
-        obstacle = CellSet(solid, over_map(occupancy >= mask.lethal, solid))
+        obstacle = None
+        if mask.inflate:
+            solid = (*around, *scene.axes[2:]) if scene.robot.turning_length is None else around  # columns, in space
+            obstacle = CellSet(solid, over_map(occupancy >= mask.lethal, solid))
         first = [round((axis.lower - outer.lower) / axis.spacing) for axis, outer in zip(axes, around, strict=True)]
         occupancy = occupancy[tuple(slice(low, low + axis.cells) for low, axis in zip(first, axes, strict=True))]
         costs = conductivities(occupancy, mask.least_conductivity, mask.lethal)
-        effects.append(Keepout(f"mask[{number}]", occupancy >= mask.lethal, costs, mask.inflate, obstacle))
+        effects.append(Keepout(f"mask[{number}]", occupancy >= mask.lethal, costs, obstacle))
     return effects
 
 
@@ -89,7 +90,7 @@ def forbidden_places(scene: Scene, keepouts: list[Keepout]) -> dict[str, NDArray
 
     Names: ``"mask[0]"`` and so on for keep-out masks without inflation, ``"unknown"`` for unknown space.
     """
-    parts = {effect.name: over_map(effect.blocked, scene.axes) for effect in keepouts if not effect.inflate}
+    parts = {effect.name: over_map(effect.blocked, scene.axes) for effect in keepouts if effect.obstacle is None}
     if scene.map is not None and not scene.map.table.get("inflate_around_unknown", True):
         unknown = unknown_cells(scene.map, scene.axes)
         if unknown is not None:

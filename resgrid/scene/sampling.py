@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid._internal.memory import FEWER_CELLS, FEWER_HEADINGS, Remedy, require_grid_memory
-from resgrid.core.axis import Point
+from resgrid.core.axis import Point, extent_of
 from resgrid.core.cell import Cell
 from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError
@@ -26,7 +26,7 @@ from resgrid.scene.maps.size_advice import coarser_division, smaller_map
 from resgrid.scene.nearest_place import are_unknown, is_unknown, nearest_cell, nearest_place, usable, why_blocked
 from resgrid.scene.scene import Scene
 from resgrid.scene.tolerances import require_no_heading, tolerant_goal
-from resgrid.scene.world_coordinates import check_cell, extent_of, locate_point, over_map, to_space
+from resgrid.scene.world_coordinates import check_cell, locate_point, over_map, to_space
 
 
 def build_space(
@@ -76,7 +76,7 @@ def build_space(
     where = scene.source or "scene"
     require_grid_memory(tuple(axis.cells for axis in scene.axes), f"{where}: grid", remedy=remedy_of_size(scene))
     keepouts = keepouts_of(scene)
-    obstacles = [*_obstacles(scene), *(effect.obstacle for effect in keepouts if effect.inflate)]
+    obstacles = [*_obstacles(scene), *(effect.obstacle for effect in keepouts if effect.obstacle is not None)]
     blocked, undecided = scene.robot.classify(scene.axes, obstacles, scene.sampling, progress, executor)
     for mask in forbidden_places(scene, keepouts).values():
         blocked = blocked | mask

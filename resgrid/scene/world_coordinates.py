@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid._internal.coordinates import coordinate_text
-from resgrid.core.axis import Axis, Point, split_points
+from resgrid.core.axis import Axis, Point, extent_of, split_points
 from resgrid.core.frame import Frame
 from resgrid.errors import InputError
 from resgrid.robots import Ball, Box, CellSet, HalfSpace, Polygon, Shape
@@ -63,11 +62,6 @@ def _exchange_hint(axes: tuple[Axis, ...], point: NDArray[np.float64]) -> str:
     except (InputError, IndexError):
         return ""
     return f"with {axes[0].name} and {axes[1].name} exchanged it lies inside; exchange them, or "
-
-
-def extent_of(axes: tuple[Axis, ...]) -> str:
-    """Return the ranges of axes as text, such as ``x in [0, 8], y in [0, 8]``."""
-    return ", ".join(f"{axis.name} in [{coordinate_text(axis.lower)}, {coordinate_text(axis.upper)}]" for axis in axes)
 
 
 def cell_centre(axes: tuple[Axis, ...], frame: Frame, cell: tuple[int, ...], key: str) -> Point:

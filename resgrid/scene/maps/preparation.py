@@ -12,7 +12,7 @@ import numpy as np
 from annotated_types import Ge, Le, Len
 from numpy.typing import NDArray
 
-from resgrid._internal.coordinates import coordinate_text
+from resgrid._internal.coordinates import interval_text
 from resgrid.core.axis import Axis, rounding
 from resgrid.core.cell import Cell
 from resgrid.core.frame import Frame
@@ -286,7 +286,7 @@ def window_of_box(axes: Sequence[Axis], frame: Frame, box: Sequence[float]) -> W
     if any(first >= end for first, end in window):
         edges = frame.to_world(np.array(list(product(*((axis.lower, axis.upper) for axis in axes)))))
         extent = ", ".join(
-            f"{axis.name} in [{coordinate_text(low)}, {coordinate_text(high)}]"
+            interval_text(axis.name, low, high)
             for axis, low, high in zip(axes, edges.min(axis=0), edges.max(axis=0), strict=True)
         )
         raise InputError(f"map.crop = {list(box)}: this box lies outside the map, which extends over {extent}")
