@@ -104,20 +104,17 @@ def solve_in_integers(system: Equations, columns: list[Column]) -> RecoveredCurr
     `columns`: elimination steps of the matrix ``system.laplacian``.  Refinement may diverge after underflow in the
     factors.
     """
-    state = refine_in_integers(system, columns)
+    depth = _DEEP_FLOOR if system.size <= _SMALL else _SHALLOW_FLOOR
+    state = refine_in_integers(system, columns, depth, _GUARD)
     return None if state is None else state.rounded()
 
 
-def refine_in_integers(
-    system: Equations, columns: list[Column], depth: int | None = None, guard: int = _GUARD
-) -> IntegerState | None:
+def refine_in_integers(system: Equations, columns: list[Column], depth: int, guard: int) -> IntegerState | None:
     """Return the integer voltages and currents that solve the equations, or None if the refinement diverges.
 
     `columns`: elimination steps of the matrix ``system.laplacian``; `depth`: binary digits between the largest value
-    and the floor, by default 1000, or 200 from 1,000 rows on; `guard`: binary digits of the integers below the floor.
+    and the floor, below which values are set to zero; `guard`: binary digits of the integers below the floor.
     """
-    if depth is None:
-        depth = _DEEP_FLOOR if system.size <= _SMALL else _SHALLOW_FLOOR
     state = _initial_state(system, depth, guard)
     last = math.inf
     for _ in range(_MOST_STEPS if system.size else 0):

@@ -1,6 +1,6 @@
 """Writers of paths: tables (CSV), records (JSON), arrays (NPZ), and messages for ROS.
 
-All formats contain the same columns and values, in world coordinates that are continuous across seams.
+All formats contain the same columns and values; world coordinates are continuous across seams of periodic axes.
 """
 
 from __future__ import annotations
