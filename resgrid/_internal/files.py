@@ -85,11 +85,11 @@ def read_bytes(
 def _missing(path: Path, name: str) -> InputError:
     """Return the error for a missing file; `name`: name of the file in the message.
 
-    A path that begins with ``https:`` was the address of a page, of which `Path` has removed a slash.
+    A path with the part ``https:`` was the address of a page, of which `Path` has removed a slash.  In an absolute
+    path, the present folder precedes the address.
     """
-    scheme = path.parts[0] if path.parts else ""
-    if scheme in ("http:", "https:", "file:", "ftp:"):
-        address = name.replace(f"{scheme}/", f"{scheme}//", 1) if f"{scheme}//" not in name else name
+    if not {"http:", "https:", "file:", "ftp:"}.isdisjoint(path.parts):
+        address = re.sub(r"\S*?\b(https?|file|ftp):/+", r"\1://", name, count=1)
         return InputError(f"{address}: addresses are not opened; save the file on this computer, and give its name")
     return InputError(f"{name}: there is no such file; check the name and the folder")
 

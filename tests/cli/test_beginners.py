@@ -56,6 +56,7 @@ MISTAKES = {
     "--json path lesson.toml": ["options follow the command, as in: resgrid run SCENE --json"],
     "-v run lesson.toml": ["options follow the command, as in: resgrid run SCENE -v"],
     "path https://example.com/a.toml": ["https://example.com/a.toml: addresses are not opened; save the file"],
+    "path http://example.com/a.yaml": ["error: http://example.com/a.yaml: addresses are not opened; save the file"],
     "chip lesson.toml --at-least 95%": ["'95%' is not a number"],
     "info elbow.urdf": ["this is a robot, not a scene; write a scene with [robot]"],
     "run recorded.mcap": ["use 'resgrid stream'"],
