@@ -183,10 +183,8 @@ export class Page {
   /** Handle the server's first message: show its scene, or solve the present scene after a reconnection. @param {any} head @param {Uint8Array} body */
   async #greet(head, body) {
     const { parts: { get, input }, model, tools, about: { switches, shelf, fragment } } = this;
-    if (model.scene) {
-      this.settled = null;
-      return this.#solve();
-    }
+    this.settled = null;
+    if (model.scene) return this.#solve();
     const first = readScene(head, body);
     setColours(head.hello.colours);
     get("legend-bar").style.background = colours.gradient;
@@ -257,8 +255,7 @@ export class Page {
   /** Request the field of the present scene, unless its exact field is shown and known to the server as settled. */
   async #askField() {
     const { model: { scene }, wire } = this;
-    if (!scene || !wire.isOpen) return;
-    if (scene === this.settled && scene === this.solved && this.view.frame?.exact) return;
+    if (!scene || !wire.isOpen || (scene === this.settled && scene === this.solved && this.view.frame?.exact)) return;
     const exact = this.model.before === null, began = performance.now(), why = this.frames.length ? "solving" : "compiling kernels, once";
     const slow = setInterval(() => {
       const waited = performance.now() - began;
