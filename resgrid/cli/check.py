@@ -179,13 +179,19 @@ def _check_deck(source: CommandInput, limits: dict[str, Any]) -> Agreement:
             return rg.check_deck(path, **limits)
     deck = open_deck(source, names=False)
     violations = [violation for violation in rg.check_erc(deck) if violation.rule != "reading"]
-    for violation in violations:
-        if violation.severity != "info":
-            say(f"  {violation}")
-    op = solve_deck(deck)
+    _say_violations(violations, "warning")
+    op = solve_deck(deck)  # the message of a failure lists the errors
+    _say_violations(violations, "error")
     _report_cost(deck, limits)
     with stage("simulate"):
         return rg.check_deck(deck, reference=op, root=source.root, **limits)
+
+
+def _say_violations(violations: Sequence[Violation], severity: str) -> None:
+    """Print the violations of electrical rules that have a severity, "warning" or "error"."""
+    for violation in violations:
+        if violation.severity == severity:
+            say(f"  {violation}")
 
 
 def _report_cost(circuit: rg.Netlist | Circuit, limits: dict[str, Any]) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import resgrid as rg
-from resgrid.cli.options import CommandInput
+from resgrid.cli.options import CommandInput, cell_indices
 from resgrid.cli.scenes import load_scene, place_of, require_starts
 from resgrid.cli.terminal import NEGATIVE, finish, say, stage
 
@@ -17,17 +17,20 @@ if TYPE_CHECKING:
 
 
 def answer_legs(
-    source: CommandInput, output: str | None, via: Sequence[Sequence[float]], *, approximate: bool, escape: bool
-) -> int:
+    source: CommandInput, output: str | None, via: Sequence[Sequence[float]], *, in_cells: bool, approximate: bool,
+    escape: bool,
+) -> int:  # fmt: skip
     """Compute and report the paths of several legs from all starts of a scene; return the exit code.
 
-    `output`: file of the paths, None for none; `via`: intermediate places in world coordinates; `approximate`: whether
-    to end at the reachable place nearest to a goal that cannot be reached; `escape`: whether a robot that touches an
-    obstacle at the start first leaves it on a straight line, which is not certified.
+    `output`: file of the paths, None for none; `via`: intermediate places in world coordinates, or, with
+    `in_cells`, cell indices; `approximate`: whether to end at the reachable place nearest to a goal that cannot be
+    reached; `escape`: whether a robot that touches an obstacle at the start first leaves it on a straight line, which
+    is not certified.
     """
     from resgrid.io.leg_paths import leg_record, write_leg_paths
     from resgrid.io.tables import suffix_of
     from resgrid.scene.tolerances import goal_heading
+    from resgrid.scene.world_coordinates import cell_centre
 
     if output is not None:
         suffix_of(output, ("table", "record", "arrays", "message"), "a path of several legs")
@@ -36,6 +39,8 @@ def answer_legs(
     require_starts(scene)
     if len(scene.k) > 1:
         say(f"ignored: k = {', '.join(f'{k:g}' for k in scene.k[1:])}: a path of several legs follows one blend")
+    if in_cells:
+        via = [cell_centre(scene.axes, scene.frame, cell_indices("--via", place), "--via") for place in via]
     paths = []
     for start in scene.starts:
         with stage("plan the legs"):

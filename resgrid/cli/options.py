@@ -208,11 +208,26 @@ def with_source(metavar: str = "SCENE", *, required: bool = True) -> Decorator:
                     given[option.group][name] = values.pop(name)
                 elif isinstance(option.type, OutputPath) and file is not None:
                     _require_different_file(option.opts[0], values[name], file)
+            if given[KEYS]["cells"] and not any(given[KEYS][key] for key in ("goal", "start")):
+                _require_places(values)
             return function(source=None if file is None else _source(file, *given.values()), **values)
 
         return click.argument("file", metavar=metavar, type=SOURCE, required=required)(_decorated(bundled, options))
 
     return decorate
+
+
+def _require_places(values: Mapping[str, Any]) -> None:
+    """Raise InputError for ``--cells`` without effect, because no option gives a place.
+
+    `values`: values of the subcommand's own options by name.
+    """
+    others = [name for name in ("between", "via") if name in values]
+    if not any(values[name] for name in others):
+        options = ", ".join(["--goal", "--start", *(f"--{name}" for name in others)])
+        raise InputError(
+            f"--cells applies to places on the command line, and none is given: leave it out, or add {options}"
+        )
 
 
 def _require_different_file(option: str, output: str | None, file: str) -> None:
@@ -320,13 +335,17 @@ def _shown(value: Any) -> str:
 def _cells(key: str, places: Sequence[tuple[float, ...]]) -> dict[str, list[tuple[int, ...]]]:
     """Return the scene key for places that are given as cells: a dict from ``goal_cell`` or ``start_cell`` to indices.
 
-    `key`: "goal" or "start"; `places`: cell indices as floats. Raises InputError for fractions.
+    `key`: "goal" or "start"; `places`: cell indices as floats.
     """
-    for place in places:
-        if not all(number.is_integer() for number in place):
-            text = ",".join(f"{number:g}" for number in place)
-            raise InputError(f"--{key} {text}: with --cells, give whole numbers (cell indices), such as 3,4")
-    return {f"{key}_cell": [tuple(int(number) for number in place) for place in places]}
+    return {f"{key}_cell": [cell_indices(f"--{key}", place) for place in places]}
+
+
+def cell_indices(option: str, place: Sequence[float]) -> tuple[int, ...]:
+    """Return a place that is given as a cell as integers; raise InputError, which names the `option`, for fractions."""
+    if not all(number.is_integer() for number in place):
+        text = ",".join(f"{number:g}" for number in place)
+        raise InputError(f"{option} {text}: with --cells, give whole numbers (cell indices), such as 3,4")
+    return tuple(map(int, place))
 
 
 def _decorated(function: Callable[..., Any], options: Sequence[Decorator]) -> Callable[..., Any]:

@@ -71,7 +71,7 @@ if TYPE_CHECKING:
     metavar="X,Y",
     type=NUMBERS,
     multiple=True,
-    help="Intermediate place in world coordinates; repeatable, in this order.",
+    help="Intermediate place in world coordinates (with --cells: a cell); repeatable, in this order.",
 )
 @click.option(
     "--approximate",
@@ -115,7 +115,8 @@ def command(
                 "--via, --approximate and --escape give paths of several legs: leave out --shorten, --speed, "
                 "--acceleration, --rate, --fixed-joints, --queries and --method"
             )
-        return answer_legs(source, output, via, approximate=approximate, escape=escape)
+        in_cells = bool(click.get_current_context().params["cells"])
+        return answer_legs(source, output, via, in_cells=in_cells, approximate=approximate, escape=escape)
     if output is not None and queries is None:
         check_routes_file(output)
     if queries is not None:

@@ -12,7 +12,7 @@ import click
 
 import resgrid as rg
 from resgrid.cli.decks import is_deck, open_deck
-from resgrid.cli.options import CommandInput, output_option, subcommand, with_source
+from resgrid.cli.options import CommandInput, cell_indices, output_option, subcommand, with_source
 from resgrid.cli.scenes import open_job, report_ignored
 from resgrid.cli.terminal import compute, finish, stage
 from resgrid.errors import InputError
@@ -122,9 +122,7 @@ def _node_at(netlist: rg.Netlist, place: str, in_cells: bool) -> str | int:
     space = netlist.cells.space
     if len(numbers) != space.ndim:
         raise InputError(f"--between {place}: a place of this scene has {space.ndim} coordinates")
-    if in_cells and not all(number.is_integer() for number in numbers):
-        raise InputError(f"--between {place}: with --cells, give whole numbers (cell indices), such as 3,4")
-    cell = tuple(map(int, numbers)) if in_cells else tuple(space.locate(numbers).tolist())
+    cell = cell_indices("--between", numbers) if in_cells else tuple(space.locate(numbers).tolist())
     return int(TerminalReader(netlist, cells=True).nodes(cell)[0])
 
 

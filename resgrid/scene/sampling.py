@@ -96,13 +96,16 @@ def build_space(
 
 
 def adding(scene: Scene, key: str, option: str) -> str:
-    """Return the remedy for a missing key as text: an option of the command line, or, for a scene file, also the key.
+    """Return the remedy for a missing goal or start as text.
 
-    `key`: key of the scene file, such as "a [[goal]]"; `option`: option of the command line, such as "--goal".
+    For a scene file, the text names the key and the option of the command line; for a map, the option and the keyword
+    of `resgrid.read_scene`.  `key`: key of the scene file, such as "a [[goal]]"; `option`: such as "--goal".
     """
     by_option = f"give {with_coordinates(option, scene.ndim)}"
     is_map = scene.map is not None and scene.source is not None and Path(scene.source).suffix.lower() != ".toml"
-    return by_option if is_map else f"add {key} to the scene, or {by_option}"
+    if not is_map:
+        return f"add {key} to the scene, or {by_option}"
+    return f"{by_option} (in Python: {option.lstrip('-')}=({'x, y, z' if scene.ndim == 3 else 'x, y'}) of read_scene)"
 
 
 def with_coordinates(option: str, ndim: int) -> str:

@@ -5,6 +5,8 @@ Tests internals: `resgrid._internal.validation`.
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 from PIL import Image
@@ -33,8 +35,12 @@ def working_folder(tmp_path, monkeypatch, scenes):
 
 MISTAKES = {
     "compile lesson.toml -o deck.png": ["-o deck.png: the name of a deck must end in .cir"],
-    "path map.yaml": ["map.yaml: there is no goal; give --goal X,Y"],
+    "path map.yaml": ["map.yaml: there is no goal; give --goal X,Y (in Python: goal=(x, y) of read_scene)"],
     "path map.yaml --goal 0.5,0.5": ["map.yaml: there is no start; give --start X,Y"],
+    "path lesson.toml --cells": ["--cells applies to places", "leave it out, or add --goal, --start, --via"],
+    "solve lesson.toml --cells": ["and none is given: leave it out, or add --goal, --start\n"],
+    "path lesson.toml --cells --via 1.5,2": ["--via 1.5,2: with --cells, give whole numbers (cell indices)"],
+    "path lesson.toml --cells --via 9,2": ["--via: cell [9, 2] is not in the grid of 8 x 8 cells"],
     "path lesson.toml --set starts=[]": ["add starts = [[...]] to the scene, or give --start X,Y"],
     "path lesson.toml --set starts=[1,2]": ["must be a point, as in starts = [[1, 2]]"],
     "path map.yaml --goal 0.5,0.5 --start 0.5,2.9": ["outside the grid", "with x and y exchanged it lies inside"],
@@ -176,6 +182,21 @@ def test_the_sidecar_of_a_deck_names_the_deck(call, working_folder):
 def test_an_intermediate_place_in_an_obstacle_does_not_name_the_tolerance_of_goals(call, working_folder):
     words = ("path", "map.yaml", "--goal", "0.5,0.5", "--start", "1,1", "--via", "1.55,1")
     assert call(*words).stderr.endswith("the nearest is (1.45, 1.05)\n")
+
+
+def test_intermediate_places_are_cells_with_the_option_for_cells(call, working_folder):
+    in_metres = ("path", "map.yaml", "--goal", "0.55,0.55", "--start", "1.05,1.05", "--via", "2.35,0.35", "--json")
+    in_cells = ("path", "map.yaml", "--cells", "--goal", "5,5", "--start", "10,10", "--via", "23,3", "--json")
+    (wanted,), (found,) = (json.loads(call(*words).stdout)["paths"] for words in (in_metres, in_cells))
+    assert [leg["kind"] for leg in found["legs"]] == ["via", "goal"]
+    assert found["legs"][0]["length"] == pytest.approx(wanted["legs"][0]["length"], rel=1e-9)
+    assert np.abs(np.array(found["points"]) - [2.35, 0.35]).max(axis=1).min() < 1e-9
+
+
+def test_an_empty_deck_has_one_message(call, working_folder):
+    (working_folder / "empty.cir").write_text("* empty\n.end\n")
+    result = call("check", "empty.cir")
+    assert result.exit_code == 2 and result.stderr.count("no voltage source touches ground") == 1
 
 
 def test_a_map_with_too_many_parts_names_a_smaller_division(call, working_folder, monkeypatch):
