@@ -126,7 +126,8 @@ def _resolved(job: Configuration, network: Network) -> Network:
 
 def _read_rasters(job: Configuration) -> tuple[Network, NDArray[np.int64]]:
     """Return the network of a raster configuration `job`, and the node of every cell, (rows, columns), -1 for none."""
-    conductance, polygon = conductance_and_polygons(job, read_raster(job.file("habitat_file")))
+    habitat = read_raster(job.file("habitat_file"))
+    conductance, polygon = conductance_and_polygons(job, habitat)
     node, names = number_cells(conductance, polygon)
     edges, value = links_between(
         conductance,
@@ -134,14 +135,14 @@ def _read_rasters(job: Configuration) -> tuple[Network, NDArray[np.int64]]:
         mean_resistance=job.flag("connect_using_avg_resistances"),
         diagonals=not job.flag("connect_four_neighbors_only"),
     )
-    ground = read_cells(job.file("ground_file"), conductance.shape)
+    ground = read_cells(job.file("ground_file"), habitat)
     if np.any(ground < 0):
         row, column = np.argwhere(ground < 0)[0].tolist()
         place = f"{job.file('ground_file')}: the ground in row {row}, column {column} (from 0)"
         raise InputError(f"{place} has a negative value of {ground[row, column]:g}")
     cells = _values_of_cells(
         job,
-        siemens_of(read_cells(job.file("source_file"), conductance.shape), "conductance"),
+        siemens_of(read_cells(job.file("source_file"), habitat), "conductance"),
         siemens_of(ground, job.measure("ground_file_is_resistances")),
     )
     sums = (np.bincount(node[node >= 0], values[node >= 0], len(names)) for values in cells)

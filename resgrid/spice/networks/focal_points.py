@@ -82,7 +82,7 @@ def read_points(path: Path, habitat: Raster) -> FocalPoints:
     """
     rows, columns = habitat.cells.shape
     if _is_raster(path):
-        number = np.nan_to_num(read_cells(path, habitat.cells.shape))
+        number = np.nan_to_num(read_cells(path, habitat))
         column, row = np.nonzero(number.T > 0)
         ids = number[row, column]
     else:

@@ -28,12 +28,12 @@ def conductance_and_polygons(job: Configuration, habitat: Raster) -> tuple[NDArr
     """
     conductance = _habitat_conductance(job, habitat.cells)
     if job.flag("use_mask"):
-        conductance = np.where(read_cells(job.file("mask_file"), conductance.shape) > 0, conductance, 0.0)
+        conductance = np.where(read_cells(job.file("mask_file"), habitat) > 0, conductance, 0.0)
         if not conductance.any():
             raise InputError(f"{job.file('mask_file')} removes all cells of the habitat; only cells above 0 are kept")
     polygon = np.zeros(conductance.shape)
     if job.flag("use_polygons"):
-        polygon = np.nan_to_num(read_cells(job.file("polygon_file"), conductance.shape))
+        polygon = np.nan_to_num(read_cells(job.file("polygon_file"), habitat))
         whole_numbers(job.file("polygon_file"), polygon, "polygon")
     return conductance, polygon
 

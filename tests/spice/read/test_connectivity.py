@@ -218,6 +218,17 @@ def test_numbers_of_headers_and_lists_are_checked(name: str, old: str, new: str,
         job(points="points.txt")
 
 
+@pytest.mark.parametrize(("old", "new"), [("xllcorner 10", "xllcorner 12"), ("cellsize 2", "cellsize 2.5")])
+def test_a_raster_of_another_place_is_matched_by_row_and_column_with_a_warning(old: str, new: str) -> None:
+    wanted = job().resistance
+    points = Path("points.asc")
+    points.write_text(points.read_text().replace(old, new))
+    with pytest.warns(
+        UserWarning, match=r"points.asc: its lower left corner is at \(1.*; that of the habitat is at \(10, 20"
+    ):
+        assert np.array_equal(job().resistance, wanted)
+
+
 def test_lists_of_points_masks_and_unconnected_points() -> None:
     Path("points.txt").write_text("1 10.5 27\n2 17 21\n4 19 27\n")
     np.testing.assert_allclose(job(points="points.txt").resistance, job().resistance)
