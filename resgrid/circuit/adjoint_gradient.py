@@ -26,7 +26,6 @@ from resgrid.circuit.responses import Response, SourceFreeCircuit
 from resgrid.core.conductivity_derivatives import conductivity_gradient
 from resgrid.core.netlist import Netlist
 from resgrid.solvers.method_choice import METHODS
-from resgrid.solvers.refinement import minus
 from resgrid.solvers.scaled import BITS, Numbers, Scaled, unscaled
 
 
@@ -123,9 +122,7 @@ def gradient_of(
     """
     count, given = len(op.netlist.conductance), op.netlist
     slope = -_product(adjoint.resistor, forward, netlist.conductance)
-    taken, fed = given.current_nodes.T
     own = adjoint.voltage
-    part = [Scaled(own.hi[end], own.lo[end], own.exponent[end]) for end in (fed, taken)]
     injection = own.plain
     injection[op.floating] = np.nan
     nonlinear = unscaled(adjoint.resistor[0][count:], adjoint.resistor[1][count:])
@@ -134,7 +131,7 @@ def gradient_of(
         value=value,
         conductance=slope[:count],
         voltage=unscaled(*adjoint.source),
-        current=minus(*part).plain,
+        current=-unscaled(*adjoint.fall),
         injection=injection,
         nonlinear_current=-nonlinear / netlist.conductance[count:] * op.nonlinear_amps / given.nonlinear_current,
         nonlinear_voltage=nonlinear * nonlinear_drops(op) / given.nonlinear_voltage,

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -57,6 +58,9 @@ _TINY = float(np.finfo(np.float64).tiny)
 _MOST_STEPS = 200
 """Maximum number of steps of iterative refinement."""
 
+Pairs = Sequence[tuple[int, int]]
+"""Pairs of nodes, each a first and a second node."""
+
 
 class RecoveredCurrents(NamedTuple):
     """Voltages and currents that obey Kirchhoff's current law even where large values cancel.
@@ -68,7 +72,8 @@ class RecoveredCurrents(NamedTuple):
     that some of them may have been set to zero; `entry_error`: bound on the relative error of every entry of `volts`
     and `heights`, infinite if no bound is known; `error_bound`: bound on the error of a voltage relative to the largest
     one, and of a current relative to the current through either end; `floor`: fraction of the largest voltage or
-    current below which values may have been set to zero.
+    current below which values may have been set to zero; `falls` (k,): voltages between the nodes of requested pairs in
+    volts, each rounded once, None if they were not computed.
     """
 
     volts: NDArray[np.float64]
@@ -80,6 +85,7 @@ class RecoveredCurrents(NamedTuple):
     entry_error: float = float(np.finfo(np.float64).eps)
     error_bound: float = 0.0
     floor: float = 0.0
+    falls: NDArray[np.float64] | None = None
 
 
 class _Resistor(NamedTuple):
@@ -98,24 +104,27 @@ class _Resistor(NamedTuple):
     log: float
 
 
-def solve_in_integers(system: Equations, columns: list[Column]) -> RecoveredCurrents | None:
+def solve_in_integers(system: Equations, columns: list[Column], pairs: Pairs = ()) -> RecoveredCurrents | None:
     """Return the solution of the equations in integer arithmetic, or None if the refinement diverges.
 
-    `columns`: elimination steps of the matrix ``system.laplacian``.  Refinement may diverge after underflow in the
-    factors.
+    `columns`: elimination steps of the matrix ``system.laplacian``; `pairs`: pairs of nodes whose voltage differences
+    are part of the solution.  Refinement may diverge after underflow in the factors.
     """
     depth = _DEEP_FLOOR if system.size <= _SMALL else _SHALLOW_FLOOR
-    state = refine_in_integers(system, columns, depth, _GUARD)
+    state = refine_in_integers(system, columns, depth, _GUARD, pairs)
     return None if state is None else state.rounded()
 
 
-def refine_in_integers(system: Equations, columns: list[Column], depth: int, guard: int) -> IntegerState | None:
+def refine_in_integers(
+    system: Equations, columns: list[Column], depth: int, guard: int, pairs: Pairs = ()
+) -> IntegerState | None:
     """Return the integer voltages and currents that solve the equations, or None if the refinement diverges.
 
     `columns`: elimination steps of the matrix ``system.laplacian``; `depth`: binary digits between the largest value
-    and the floor, below which values are set to zero; `guard`: binary digits of the integers below the floor.
+    and the floor, below which values are set to zero; `guard`: binary digits of the integers below the floor; `pairs`:
+    pairs of nodes whose voltage differences must be accurate.
     """
-    state = _initial_state(system, depth, guard)
+    state = _initial_state(system, depth, guard, pairs)
     last = math.inf
     for _ in range(_MOST_STEPS if system.size else 0):
         power = state.correct(substitute(columns, state.net[:-1], state.unit_amps - state.unit_volts))
@@ -134,7 +143,8 @@ class IntegerState:
     `system`: equations; `depth`: binary digits between the largest value and the floor, below which values are set to
     zero; `floor`: binary logarithm of the current, in units of ``2**unit_amps`` A, below which currents may be set to
     zero; `unit_volts`, `unit_amps`: binary logarithms of the units of voltage and current in volts and amperes;
-    `resistors`: resistors that may carry current; `volts` (nodes,): voltages above ground; `net` (n + 1,): net current
+    `pairs`: pairs of nodes whose voltage differences must be accurate; `resistors`: resistors that may carry current;
+    `volts` (nodes,): voltages above ground; `net` (n + 1,): net current
     into every row; the last entry collects the currents into nodes of known voltage and is not used.
     """
 
@@ -143,6 +153,7 @@ class IntegerState:
     floor: int
     unit_volts: int
     unit_amps: int
+    pairs: Pairs
     resistors: list[_Resistor]
     volts: list[int]
     net: list[int]
@@ -211,7 +222,15 @@ class IntegerState:
             floor = max(_log(volts - reference) for volts in self.volts) - self.depth
             if any(error > max(_log(self.volts[node] - reference) - _DIGITS, floor) for node in solved_for):
                 return False
-        return True
+        return self._proves_falls(error + 1.0)
+
+    def _proves_falls(self, error: float) -> bool:
+        floor = max(map(_log, self.volts)) - self.depth
+        return all(error <= max(_log(fall) - _DIGITS, floor) for fall in self.falls())
+
+    def falls(self) -> list[int]:
+        """Return the voltages between the nodes of `pairs` (first minus second), in units of ``2**unit_volts`` V."""
+        return [self.volts[first] - self.volts[second] for first, second in self.pairs]
 
     def _proves_cuts(self, error: float) -> bool:
         logs = [_log(amps) for amps in self.source_currents()]
@@ -277,13 +296,18 @@ class IntegerState:
         source_amps = without_loops(system.forest, source_amps)
         unchecked = through <= math.ldexp(max(least, _TINY), NEAR_FLOOR)
         power = nearest(watts, 2 * self.unit_volts - digits)
-        return RecoveredCurrents(volts, heights, amps, source_amps, power, unchecked, floor=2.0**-self.depth)
+        falls = np.array([nearest(fall, self.unit_volts) for fall in self.falls()])
+        falls[np.abs(falls) <= math.ldexp(min(np.nanmax(np.abs(volts)), sys.float_info.max), -self.depth)] = 0.0
+        return RecoveredCurrents(
+            volts, heights, amps, source_amps, power, unchecked, floor=2.0**-self.depth, falls=falls
+        )
 
 
-def _initial_state(system: Equations, depth: int, guard: int) -> IntegerState:
+def _initial_state(system: Equations, depth: int, guard: int, pairs: Pairs) -> IntegerState:
     """Return the integer voltages and currents of the equations with all rows at the lowest known voltage.
 
-    `depth`: binary digits between the largest value and the floor; `guard`: binary digits below the floor.
+    `depth`: binary digits between the largest value and the floor; `guard`: binary digits below the floor; `pairs`:
+    pairs of nodes whose voltage differences must be accurate.
     """
     netlist, unknown = system.netlist, system.unknown
     still = np.zeros(netlist.node_count, dtype=np.bool_)
@@ -313,7 +337,7 @@ def _initial_state(system: Equations, depth: int, guard: int) -> IntegerState:
     for (source, target), amps in zip(rows, netlist.current_amps.tolist(), strict=True):
         net[source] -= _units(amps, unit_amps)
         net[target] += _units(amps, unit_amps)
-    state = IntegerState(system, depth, guard // 2, unit_volts, unit_amps, resistors, volts, net)
+    state = IntegerState(system, depth, guard // 2, unit_volts, unit_amps, pairs, resistors, volts, net)
     for each in resistors:
         if each.rows[0] != each.rows[1]:
             state.conduct(each, volts[each.nodes[0]] - volts[each.nodes[1]])
@@ -344,12 +368,16 @@ def _log(value: int) -> float:
     return value.bit_length() - 1.0 if value else -math.inf
 
 
-def with_tiny_currents(
-    amps: NDArray[np.float64], floor: float, tiny: NDArray[np.float64], exponent: NDArray[np.int64]
+def with_tiny_values(
+    values: NDArray[np.float64], floor: float, tiny: NDArray[np.float64], exponent: NDArray[np.int64]
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return currents ``m 2**(256 e)`` A as m and e: `amps` and 0, `tiny` and `exponent` below ``floor max|amps|``."""
-    lost = (amps == 0.0) & (np.abs(unscaled(tiny, exponent)) <= floor_of(amps, floor))
-    return np.where(lost, tiny, amps), np.where(lost, exponent, 0)
+    """Return recovered values ``m 2**(256 e)`` as m and e, in which tiny values replace those that were set to zero.
+
+    `values`: recovered values; `floor`: fraction of the largest one below which they were set to zero; `tiny`,
+    `exponent`: mantissas and exponents of the same values before the recovery.
+    """
+    lost = (values == 0.0) & (np.abs(unscaled(tiny, exponent)) <= floor_of(values, floor))
+    return np.where(lost, tiny, values), np.where(lost, exponent, 0)
 
 
 def floor_of(values: NDArray[np.float64], floor: float) -> float:

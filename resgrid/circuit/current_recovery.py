@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.circuit.cancellation import RecoveredCurrents, solve_in_integers
+from resgrid.circuit.cancellation import Pairs, RecoveredCurrents, solve_in_integers
 from resgrid.circuit.equations import Equations
 from resgrid.circuit.sources import sum_cuts, without_loops
 from resgrid.core.netlist import Netlist
@@ -72,8 +72,10 @@ Doubled = tuple[NDArray[np.float64], NDArray[np.float64]]
 """Array of double-doubles, as the pair of an array of leading parts and an array of their rounding errors."""
 
 
-def recover_currents(system: Equations) -> tuple[RecoveredCurrents | None, DirectFactor | None]:
+def recover_currents(system: Equations, pairs: Pairs = ()) -> tuple[RecoveredCurrents | None, DirectFactor | None]:
     """Return currents that obey KCL at every row (unknown voltage), and the factors of the matrix.
+
+    `system`: equations; `pairs`: pairs of nodes whose voltage differences a solution in integers also contains.
 
     Both results are None if the factors exceed the memory; the factors are also None without rows.  Circuits whose
     factors have at most 10,000 entries are solved in integers.  Larger circuits, and all grids of cells with two rails,
@@ -81,7 +83,7 @@ def recover_currents(system: Equations) -> tuple[RecoveredCurrents | None, Direc
     these corrections do not converge.
     """
     if not system.size:
-        return solve_in_integers(system, []), None
+        return solve_in_integers(system, [], pairs), None
     try:
         direct = factor_laplacian(system.laplacian, "direct")
     except BudgetError:
@@ -91,7 +93,9 @@ def recover_currents(system: Equations) -> tuple[RecoveredCurrents | None, Direc
     is_small = entries <= _FEW_ENTRIES and not _is_field(system)
     found = None if is_small else _correct(system, direct.factors)
     if found is None or (found.error_bound > _CERTAIN and entries <= _MOST_ENTRIES):
-        found = solve_in_integers(system, columns_of(direct.factors)) or found or _correct(system, direct.factors)
+        found = (
+            solve_in_integers(system, columns_of(direct.factors), pairs) or found or _correct(system, direct.factors)
+        )
     return found, direct
 
 

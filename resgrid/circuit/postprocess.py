@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.circuit.cancellation import RecoveredCurrents, floor_of, with_tiny_currents
+from resgrid.circuit.cancellation import RecoveredCurrents, floor_of, with_tiny_values
 from resgrid.circuit.equations import Equations, injected_currents
 from resgrid.circuit.operating_point import OUT_OF_RANGE, BranchCurrents, OperatingPoint
 from resgrid.circuit.sources import SourceForest, source_currents
@@ -261,7 +261,7 @@ def _branch_currents(
     else:
         amps, exponent, heat = recovered.amps, np.zeros(len(ends), dtype=np.int64), recovered.power
         if tiny is not None:
-            amps, exponent = with_tiny_currents(amps, recovered.floor, *tiny.scaled)
+            amps, exponent = with_tiny_values(amps, recovered.floor, *tiny.scaled)
     plain = not exponent.any()
     frame, net, through = node_sums(netlist, amps, exponent)
     if falling is not None:
@@ -272,7 +272,7 @@ def _branch_currents(
     size = netlist.conductance[imprecise] * np.abs(values.volts * (np.diff(high)[:, 0] + np.diff(low)[:, 0]))
     is_significant = size > HARMLESS * through[pairs].min(axis=1)
     residual = np.zeros(len(unknown))
-    net_amps, through_amps = (net, through) if plain else (net * power(frame), through * power(frame))
+    net_amps, through_amps = (net, through) if plain else (unscaled(net, frame), unscaled(through, frame))
     if np.any(forest.base != GROUND):
         root = forest.root
         net, through = (

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.circuit.cancellation import with_tiny_currents
+from resgrid.circuit.cancellation import with_tiny_values
 from resgrid.circuit.current_recovery import recover_currents
 from resgrid.circuit.equations import ALWAYS_RECOVERED, Equations, assemble
 from resgrid.circuit.postprocess import (
@@ -46,12 +46,14 @@ _NO_EXPONENT = -(2**62)
 class Response:
     """Voltages and currents that injected currents cause in a circuit without independent sources.
 
-    `voltage` (nodes,): voltages in volts, 0 where the node floats; `resistor` (resistors,): currents from the first to
-    the second node in amperes; `source` (sources,): currents into the plus terminals of the voltage sources in amperes,
-    NaN in loops of sources; currents are mantissas and exponents of ``2**256``.
+    `voltage` (nodes,): voltages in volts, 0 where the node floats; `fall` (current sources,): voltages across the
+    current sources of the given circuit, first minus second node, in volts; `resistor` (resistors,): currents from the
+    first to the second node in amperes; `source` (sources,): currents into the plus terminals of the voltage sources in
+    amperes, NaN in loops of sources; falls and currents are mantissas and exponents of ``2**256``.
     """
 
     voltage: Scaled
+    fall: Numbers
     resistor: Numbers
     source: Numbers
 
@@ -61,12 +63,13 @@ class SourceFreeCircuit:
     """A circuit with voltage sources as wires and without current sources, and the factors of its matrix.
 
     `netlist`: the circuit, with linear resistors and voltage sources of 0 V; `forest`: spanning forest of its voltage
-    sources; `system`: equations of the components that may be driven, None without rows; `factors`: factors of their
-    matrix, None without rows.
+    sources; `pairs` (current sources, 2): nodes of the current sources of the given circuit; `system`: equations of the
+    components that may be driven, None without rows; `factors`: factors of their matrix, None without rows.
     """
 
     netlist: Netlist
     forest: SourceForest
+    pairs: NDArray[np.int32]
     system: Equations | None
     factors: Factor | None
 
@@ -77,6 +80,7 @@ class SourceFreeCircuit:
         `netlist`: circuit with linear resistors, whose source values are ignored; `driven` (k,): nodes, none of which
         floats; `method`: ``"auto"``, ``"direct"`` or ``"multigrid"``.
         """
+        pairs = netlist.current_nodes
         netlist = netlist.replace(
             source_volts=np.zeros(len(netlist.source_volts)),
             current_nodes=np.stack([np.full(len(driven), GROUND), driven], axis=1),
@@ -88,9 +92,9 @@ class SourceFreeCircuit:
         held[forest.order[forest.base == GROUND]] = True
         quiet = netlist.replace(current_nodes=netlist.current_nodes[:0], current_amps=netlist.current_amps[:0])
         if held[driven].all():
-            return cls(quiet, forest, None, None)
+            return cls(quiet, forest, pairs, None, None)
         system = assemble(netlist)
-        return cls(quiet, forest, system, factor_laplacian(system.laplacian, method))
+        return cls(quiet, forest, pairs, system, factor_laplacian(system.laplacian, method))
 
     def respond(self, amps: Numbers) -> Response:
         """Return the voltages and currents that injected currents cause.
@@ -100,9 +104,8 @@ class SourceFreeCircuit:
         represent, or if the responses to positive and negative currents nearly cancel.
         """
         if self.system is None or self.factors is None:
-            zeros, count = Scaled.of(np.zeros(self.netlist.node_count)), len(self.netlist.conductance)
-            still = np.zeros(count), np.zeros(count, dtype=np.int64)
-            return Response(zeros, still, self._source_currents(still, amps))
+            still = (np.zeros(count := len(self.netlist.conductance)), np.zeros(count, dtype=np.int64))
+            return self._response(Scaled.of(np.zeros(self.netlist.node_count)), still, amps)
         rows, error = self._solved(self.factors, self.system, amps)
         voltage = rows_to_nodes(self.system, rows, Scaled.of(np.zeros(self.netlist.node_count)))._replace(
             noise=rows.noise
@@ -110,18 +113,51 @@ class SourceFreeCircuit:
         is_drop = np.zeros(self.netlist.node_count, dtype=np.bool_)
         values = NodeValues(voltage, is_drop, 0.0, 1.0, rows.noise)
         current, exponent, _, _ = differences(values, self.netlist, SINGLE_THREAD)
-        unit = int(amps[1][amps[0] != 0.0].max()) if amps[0].any() else 0
-        if self._may_cancel(self.system, error) and np.all(amps[1][amps[0] != 0.0] >= unit - _PLAIN):
-            found, _ = recover_currents(_driven_by(self.system, amps[0] * power(amps[1] - unit)))
-            if found is not None and found.error_bound <= DIRECTION_RESIDUAL:
-                current, exponent = with_tiny_currents(found.amps, found.floor, current, exponent - unit)
-                exponent, error = exponent + unit, 0.0
+        response = self._response(voltage, (current, exponent), amps)
+        if self._may_cancel(self.system, error):
+            recovered = self._recovered(self.system, response, amps)
+            response, error = (response, error) if recovered is None else (recovered, 0.0)
         if error > DIRECTION_RESIDUAL:
             raise AccuracyError(
                 f"the response to currents of both signs nearly cancels: its error may be {error:.1e} of the "
                 f"largest voltage (at most {DIRECTION_RESIDUAL:g} is allowed); differentiate single voltages"
             )
-        return Response(voltage, (current, exponent), self._source_currents((current, exponent), amps))
+        return response
+
+    def _response(self, voltage: Scaled, resistor: Numbers, amps: Numbers) -> Response:
+        """Return a response whose source currents and falls are computed from currents and voltages.
+
+        `voltage` (nodes,): in volts; `resistor` (resistors,): currents; `amps` (nodes,): injected currents.
+        """
+        first, second = (Scaled(*(part[end] for part in voltage[:3])) for end in self.pairs.T)
+        fall = minus(first, second)
+        return Response(voltage, (fall.hi, fall.exponent), resistor, self._source_currents(resistor, amps))
+
+    def _recovered(self, system: Equations, first: Response, amps: Numbers) -> Response | None:
+        """Return a response in which no digits are lost where large values cancel, or None if it is not possible.
+
+        `system`: equations; `first`: response before the recovery; `amps` (nodes,): injected currents.
+        """
+        unit = int(amps[1][amps[0] != 0.0].max()) if amps[0].any() else 0
+        if np.any(amps[1][amps[0] != 0.0] < unit - _PLAIN):
+            return None
+        found, _ = recover_currents(_driven_by(system, amps[0] * power(amps[1] - unit)), self.pairs.tolist())
+        if found is None or found.error_bound > DIRECTION_RESIDUAL:
+            return None
+
+        def with_unit(values: NDArray[np.float64], before: Numbers) -> Numbers:
+            """Return recovered values, or the values before the recovery where these are too small to be recovered."""
+            mantissa, exponent = with_tiny_values(values, found.floor, before[0], before[1] - unit)
+            return mantissa, exponent + unit
+
+        resistor = with_unit(found.amps, first.resistor)
+        if found.falls is None:
+            return self._response(first.voltage, resistor, amps)
+        volts, exponent = with_unit(np.nan_to_num(found.volts), (first.voltage.hi, first.voltage.exponent))
+        voltage = Scaled(volts, np.zeros_like(volts), exponent, first.voltage.noise)
+        return Response(
+            voltage, with_unit(found.falls, first.fall), resistor, with_unit(found.source_amps, first.source)
+        )
 
     def _solved(self, factors: Factor, system: Equations, amps: Numbers) -> tuple[Scaled, float]:
         """Return the voltages (n,) of the rows in volts, and a bound on their error relative to the largest one.

@@ -1,0 +1,81 @@
+"""Derivatives by sources that remain after large adjoint voltages cancel, against exact fractions.
+
+``RESGRID_CIRCUITS`` sets the number of random circuits, ``RESGRID_SEED`` their seed.
+"""
+
+from __future__ import annotations
+
+import os
+import warnings
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from support.cancelling import cancelling_circuit
+from support.fractions_solver import Value, solve_exactly
+
+import resgrid as rg
+
+_RELATIVE_ERROR = Fraction(1, 10**15)
+"""Promised relative error of every derivative by a source in circuits of few nodes."""
+
+
+def _assert_close(found: np.ndarray, wanted: list[Value]) -> None:
+    for value, exact in zip(found.tolist(), wanted, strict=True):
+        assert np.isnan(value) == (exact is None)
+        if exact is not None:
+            assert abs(Fraction(value) - exact) <= _RELATIVE_ERROR * abs(exact), (value, float(exact))
+
+
+def _exact_adjoint(netlist: rg.Netlist, weights: np.ndarray) -> tuple[list[Value], list[Value]]:
+    """Return the voltages and the source currents for injected currents `weights`, with all sources set to zero."""
+    driven = np.flatnonzero(weights)
+    adjoint = solve_exactly(
+        netlist.replace(
+            source_volts=0.0 * netlist.source_volts,
+            current_nodes=np.stack([0 * driven, driven], axis=1),
+            current_amps=weights[driven],
+        )
+    )
+    assert adjoint is not None
+    return adjoint.voltage, adjoint.source_current
+
+
+@pytest.mark.parametrize("part", range(4))
+def test_derivatives_by_sources_equal_exact_fractions(part: int) -> None:
+    seed, count = int(os.environ.get("RESGRID_SEED", "0")), int(os.environ.get("RESGRID_CIRCUITS", "160"))
+    compared = 0
+    for number in range(part, count, 4):
+        netlist, rng = cancelling_circuit(seed, number), np.random.default_rng([seed, number])
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", "[0-9]+ voltage sources form loops")
+            try:
+                op = rg.solve(netlist)
+            except rg.CircuitError:
+                continue
+            places = np.setdiff1d(np.arange(1, netlist.node_count), op.floating)
+            if not places.size:
+                continue
+            weights = np.zeros(netlist.node_count)
+            chosen = rng.choice(places, min(3, places.size), replace=False)
+            weights[chosen] = rng.choice([1.0, -1.0, 2.0], chosen.size)
+            found = rg.gradient(op, weights)
+        volts, amps = _exact_adjoint(netlist, weights)
+        _assert_close(found.voltage, amps)
+        for value, (source, target) in zip(found.current.tolist(), netlist.current_nodes.tolist(), strict=True):
+            if volts[source] is not None and volts[target] is not None:
+                _assert_close(np.array([value]), [volts[target] - volts[source]])
+                compared += 1
+        _assert_close(found.injection, volts)
+    assert compared > count / 8
+
+
+def test_a_current_source_between_strongly_coupled_nodes_has_its_small_derivative() -> None:
+    """Two nodes with 1e12 S between them share 1e-12 S to ground; the derivative is the difference of two voltages."""
+    netlist = rg.Netlist(
+        3, [(1, 2), (1, 0), (2, 0)], [1e12, 1e-12, 3e-12], current_nodes=[(1, 2), (0, 1)], current_amps=[0.0, 1e-12]
+    )
+    found = rg.gradient(rg.solve(netlist), "voltage", at=1)
+    volts, _ = _exact_adjoint(netlist, np.array([0.0, 1.0, 0.0]))
+    assert volts[1] is not None and volts[2] is not None and volts[1] != volts[2]
+    assert found.current[0] == pytest.approx(float(volts[2] - volts[1]), rel=1e-15)
