@@ -1,4 +1,4 @@
-"""Operating points of small circuits with values far outside the usual range, such as 1e-310 S or 1e300 V.
+"""Operating points of circuits of at most 2,000 nodes with values far outside the usual range, such as 1e-310 S.
 
 Products and quotients of such values leave the range of doubles, so that factors in doubles lose their digits.  Here
 the elimination uses decimal numbers with unbounded exponents.  Voltages and currents are integers
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.circuit.cancellation import NEAR_FLOOR, IntegerState, refine_in_integers
-from resgrid.circuit.equations import ALWAYS_RECOVERED, Equations
+from resgrid.circuit.equations import Equations
 from resgrid.circuit.operating_point import OUT_OF_RANGE, BranchCurrents, OperatingPoint
 from resgrid.core.netlist import Netlist
 from resgrid.errors import AccuracyError, CircuitError
@@ -28,6 +28,9 @@ _USUAL = 2.0**126
 In tests, factors in doubles keep their digits for conductances between 1e-40 and 1e40 S, and lose them from 1e-60 to
 1e60 S.
 """
+
+_MOST_NODES = 2000
+"""Largest number of nodes for this arithmetic; a mesh of 2,000 nodes takes up to ten seconds."""
 
 _PLAIN = 900
 """Binary exponent up to which a current is stored without a separate exponent; the inverse is the lower limit."""
@@ -46,8 +49,8 @@ _ARITHMETIC = decimal.Context(prec=40, Emin=decimal.MIN_EMIN, Emax=decimal.MAX_E
 
 
 def is_extreme(netlist: Netlist) -> bool:
-    """Return whether a circuit of at most 500 nodes, not compiled from a space, has values outside the usual range."""
-    if netlist.space_map is not None or netlist.node_count > ALWAYS_RECOVERED:
+    """Return whether a circuit has values outside the usual range, at most 2,000 nodes, and no space."""
+    if netlist.space_map is not None or netlist.node_count > _MOST_NODES:
         return False
     values = np.abs(np.concatenate([netlist.conductance, netlist.source_volts, netlist.current_amps]))
     return bool(np.any((values > _USUAL) | ((values > 0.0) & (values < 1.0 / _USUAL))))

@@ -105,3 +105,26 @@ def test_logarithms_of_currents_below_the_range_of_doubles_keep_their_digits() -
     assert point.resistor_direction.tolist() == [1, 1]
     assert point.log_drop is not None
     assert point.log_drop[2] == pytest.approx(-1e-200, rel=1e-12)
+
+
+@pytest.mark.slow
+def test_a_mesh_of_1024_nodes_with_extreme_conductances_obeys_kirchhoffs_laws() -> None:
+    """The sums of exact currents at the nodes, and of voltages along resistors, in fractions."""
+    rng, side = np.random.default_rng(4), 32
+    node = np.arange(side * side).reshape(side, side)
+    ends = np.concatenate(
+        [np.stack([node[1:], node[:-1]], -1).reshape(-1, 2), np.stack([node[:, 1:], node[:, :-1]], -1).reshape(-1, 2)]
+    )
+    siemens = 10.0 ** rng.uniform(-120, 120, len(ends))
+    netlist = rg.Netlist(side * side, ends, siemens, source_nodes=[[side * side - 1, 0]], source_volts=[1.0])
+    op = rg.solve(netlist)
+    net, through = ([Fraction(0)] * netlist.node_count for _ in range(2))
+    for (first, second), amps in zip(ends.tolist(), op.resistor_current.tolist(), strict=True):
+        for end, signed in ((first, -amps), (second, amps)):
+            net[end] += Fraction(signed)
+            through[end] += abs(Fraction(signed))
+    assert all(abs(a) <= b / 10**15 for a, b in zip(net[1:-1], through[1:-1], strict=True))
+    falls = op.voltage[ends[:, 0]] - op.voltage[ends[:, 1]]
+    apart = np.abs(falls) > 1e-9 * np.abs(op.voltage[ends]).max(axis=1)
+    assert np.allclose(op.resistor_current[apart], (siemens * falls)[apart], rtol=1e-6, atol=0.0)
+    assert (op.voltage[1:-1] > 0.0).all() and (op.voltage < 1.0 + 1e-15).all()
