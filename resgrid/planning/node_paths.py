@@ -153,7 +153,7 @@ def node_path(field: LatticeField, start: ArrayLike | None = None, *, cell: Sequ
     Returns
     -------
     NodePath
-        Its ``outcome`` tells whether it reached a goal; `resgrid.certify` verifies it.
+        Its ``outcome`` states whether it reached a goal; `resgrid.certify` verifies it.
 
     Raises
     ------

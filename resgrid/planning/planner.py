@@ -186,7 +186,7 @@ class Planner:
         Returns
         -------
         Streamline or NodePath
-            Its ``outcome`` tells whether it reaches a goal.
+            Its ``outcome`` states whether it reaches a goal.
 
         Raises
         ------

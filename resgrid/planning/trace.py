@@ -86,7 +86,7 @@ def streamline(field: Field, start: ArrayLike | None = None, *, cell: Sequence[i
     Returns
     -------
     Streamline
-        Its ``outcome`` tells whether it reached a goal; `resgrid.certify` verifies it.
+        Its ``outcome`` states whether it reached a goal; `resgrid.certify` verifies it.
 
     Raises
     ------
