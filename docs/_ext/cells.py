@@ -1,6 +1,8 @@
 """Execution of code cells: working folder, merged output, and alternative texts of pictures."""
 
+import atexit
 import os
+import shutil
 import tempfile
 from pathlib import Path
 
@@ -19,6 +21,7 @@ c.InteractiveShellApp.exec_lines = [
 def configure_kernels():
     """Start kernels with inline pictures, in a folder with a link to `examples/`, as in a clone of the project."""
     folder = Path(tempfile.mkdtemp(prefix="resgrid-docs-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
     profile = folder / "profile_default"
     profile.mkdir()
     (profile / "ipython_kernel_config.py").write_text(STARTUP)
