@@ -178,7 +178,8 @@ def analyse_yield_loss(
     """Estimate the yield without each effect of a chip, and the limits of its errors; return them as a YieldLoss.
 
     `netlist`: ideal circuit; `chip`: chip description; `target`: yield that the limits reach; `trials`: number of chips
-    for each variant of the description, None for `usual_trials`; `confidence`: of the intervals, between 0 and 1;
+    for each variant of the description, None for 16 to 400, fewer for larger spaces; `confidence`: of the intervals,
+    between 0 and 1;
     `executor`: workers, None for this process; `progress`: function called after each variant, with the number of
     finished trials, the expected number, and the yield of the variant.
     """
