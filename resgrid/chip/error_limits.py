@@ -47,9 +47,9 @@ class Limit:
     beyond_share : Proportion or None
         Yield at `beyond`, below the target; None if there is no next candidate.
     sure, possible : float, int or None
-        Ends of the interval of `value`: the worst value at which the lower end of the yield's confidence interval
-        reaches the target, and the worst at which its upper end does.  None where no value but an ideal converter, or
-        no value at all, has such a yield.
+        Ends of the interval of `value`.  `sure`: the worst value, not beyond `value`, at which the lower end of the
+        yield's confidence interval reaches the target; `possible`: the worst value at which the upper end does.  None
+        where only an ideal converter, or no value at all, has such a yield.
     reached : bool
         Whether the yield reaches the target at the ideal value.
     tolerated : float, int or None

@@ -185,7 +185,7 @@ class FaultAnalysis(Result):
         return {**super().to_json(), **listed}
 
     def lost(self, fault: str) -> NDArray[np.float64]:
-        """Return the number of starts that each element with a fault loses.
+        """Return for every element the number of starts counted in `served` that its fault keeps from reaching a goal.
 
         Parameters
         ----------

@@ -153,7 +153,7 @@ def yield_loss_section(chip: Study, effort: Effort) -> Section:
 def adc_resolution_section(chip: Study, _effort: Effort) -> Section:
     """Return the section on the converter bits that starts need, for each boundary condition of obstacles.
 
-    The conditions are the scene's own one and those of the others under which a source drives the circuit.
+    The boundary condition of the scene comes first.  The other conditions follow if a source then drives the circuit.
     """
     results = _by_boundary(chip)
     own = next(iter(results.values()))

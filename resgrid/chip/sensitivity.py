@@ -215,7 +215,7 @@ def _decision(steps: Steps, cell: int) -> tuple[int, int, float, float]:
 
 
 def _checked_cells(space: ConfigurationSpace, cells: ArrayLike) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return those of some cells that are not goal cells: indices (k, axes), and flat indices (k,) in C order.
+    """Return the given cells without goal cells: cell indices (k, axes), and flat indices (k,) in C order.
 
     `space`: space of the chip; `cells`: array of cell indices.  Raises InputError for obstacle cells, or if all cells
     are goal cells.

@@ -91,9 +91,10 @@ class StudyInputs:
 
     @property
     def span(self) -> float | None:
-        """Width of the converter's range in volts, by default the magnitude of the supply; None without a description.
+        """Width of the converter's range, in volts; None without a chip description.
 
-        The description is that of the chip, whose read-out states the range.
+        The range is that of the read-out in the chip description, or from 0 V to the magnitude of the supply if the
+        description states none.
         """
         if self.chip is None:
             return None

@@ -26,7 +26,7 @@ class Gradient(Effect):
     """Let the resistances of the grid change linearly across the die; the centre keeps the nominal value.
 
     `shares` (axes,): change of the resistance from the lower to the upper end of each axis, as a fraction of the
-    nominal resistance; 0 for axes that are not listed.
+    nominal resistance; 0 for further axes of the space.
     """
 
     KEYS = {"shares": "gradient"}
