@@ -1,4 +1,7 @@
-"""Disk cache of arrays under a hash of their inputs, so that a later run does not compute them again."""
+"""Disk cache of arrays, and of the parts of unfinished results, so that a later run does not compute them again.
+
+The name of a cached file contains a hash of the inputs from which the result was computed.
+"""
 
 from __future__ import annotations
 
@@ -17,9 +20,10 @@ from resgrid._internal.files import atomic_path
 
 
 def cache_folder() -> Path | None:
-    """Return the folder of cached results, or None if the variable ``RESGRID_CACHE`` is empty.
+    """Return the folder of cached results; None if the environment variable ``RESGRID_CACHE`` is set but empty.
 
-    ``RESGRID_CACHE`` names the folder; without it, the folder is ``resgrid`` in ``XDG_CACHE_HOME`` or in ``~/.cache``.
+    ``RESGRID_CACHE`` names the folder.  If this variable is not set, the folder is ``resgrid`` in ``XDG_CACHE_HOME`` or
+    in ``~/.cache``, and the result is None if the user has no home folder.
     """
     named = os.environ.get("RESGRID_CACHE")
     if named is not None:
@@ -32,7 +36,7 @@ def cache_folder() -> Path | None:
 
 
 def load_array(name: str, key: str) -> NDArray[Any] | None:
-    """Return the cached array of a key, or None if the cache has no array of this key or the file is damaged.
+    """Return the cached array of a key; None if there is no cache folder, no array of this key, or a damaged file.
 
     `name`: kind of the result, the first part of the file's name; `key`: hash of the inputs.
     """
@@ -65,9 +69,9 @@ def store_array(name: str, key: str, array: NDArray[Any]) -> None:
 def unfinished_file(name: str, key: str) -> Iterator[Path | None]:
     """Yield the path of a file for parts of an unfinished result, and delete the file if the block succeeds.
 
-    The file stays if the block is interrupted, so that the next run can continue.  The path is None if there is no
-    cache folder, if the folder cannot be written, or while another process uses the file. `name`: kind of the result,
-    the first part of the file's name; `key`: hash of the inputs.
+    The block creates the file, or continues the file of an interrupted run: an interrupt leaves the file in the cache.
+    The path is None if there is no cache folder, if the folder cannot be written, or while another process uses the
+    file. `name`: kind of the result, the first part of the file's name; `key`: hash of the inputs.
     """
     folder = cache_folder()
     with contextlib.ExitStack() as stack:

@@ -19,8 +19,8 @@ _MAX_HEAD_BYTES = 65536
 class Journal:
     """A checkpoint file of JSON lines; the first line (the head) identifies the run.
 
-    An incomplete last line is deleted and later written again: an interrupted and continued run ends with the
-    bytes of an uninterrupted one.
+    Every further line is a record, a result of the run.  An incomplete last line is deleted, and the continued run
+    writes its record again: the file of an interrupted and continued run equals that of an uninterrupted run.
     """
 
     def __init__(self, path: str | os.PathLike[str], head: dict[str, Any]) -> None:

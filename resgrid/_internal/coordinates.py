@@ -5,16 +5,17 @@ from __future__ import annotations
 import math
 
 _DIGITS = 6
-"""Smallest number of significant digits of a coordinate."""
+"""Minimum number of significant digits to which the text of a coordinate is rounded."""
 
 _MOST_DIGITS = 15
-"""Number of significant digits that every double holds."""
+"""Maximum number of significant digits of the text of a coordinate: every decimal of 15 digits survives as a double."""
 
 
 def coordinate_text(value: float, step: float = 1e-3) -> str:
-    """Return a coordinate as text with six significant digits, or with more if multiples of `step` need them.
+    """Return a coordinate as text, rounded to six significant digits, or to more if six do not resolve `step`.
 
-    Six digits resolve only 10 m at the coordinates of a national grid, such as 5400000 m.
+    `step`: difference that the text must show, in the unit of `value`.  Six digits resolve only 10 m at the coordinates
+    of a national grid, such as 5400000 m.  Trailing zeros are omitted.
     """
     if value == 0 or not math.isfinite(value):
         return f"{value:g}"

@@ -87,7 +87,7 @@ def open_executor(name: str) -> Iterator[Executor]:
 def renewed(executor: Executor) -> Executor | None:
     """Return a new pool in place of a broken process pool, with the same number of processes; None for other executors.
 
-    `executor`: the broken executor.
+    `executor`: the broken executor.  Process pools are those of `concurrent.futures` and of the package loky.
     """
     kind = type(executor)
     if kind.__module__.partition(".")[0] == "loky":
@@ -128,7 +128,7 @@ def _processes(count: int) -> Iterator[Executor]:
 
 
 def _end(executor: ProcessPoolExecutor) -> None:
-    """Shut down a process pool; if a worker dies during the shutdown, terminate all workers.
+    """Wait for the tasks of a process pool and shut it down; if a worker dies during this wait, terminate all workers.
 
     A dead worker may hold the lock of the queue of tasks, and the pool would then wait for the other workers forever.
     """
@@ -192,9 +192,9 @@ class DaskExecutor(Executor):
             return True
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Wait for the submitted calls while workers are connected, and cancel the others.
+        """Wait for the submitted calls while workers are connected, and cancel the calls that remain without a worker.
 
-        If `wait` is False or `cancel_futures` is True, all calls are cancelled at once.
+        If `wait` is False or `cancel_futures` is True, all unfinished calls are cancelled at once.
         """
         # The executor of dask would wait forever for calls that no worker runs.
         while wait and not cancel_futures and self.has_workers():

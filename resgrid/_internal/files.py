@@ -83,10 +83,11 @@ def read_bytes(
 
 
 def _missing(path: Path, name: str) -> InputError:
-    """Return the error for a missing file; `name`: name of the file in the message.
+    """Return the InputError for a missing file; `name`: name of the file in the message.
 
-    A path with the part ``https:`` was the address of a page, of which `Path` has removed a slash.  In an absolute
-    path, the present folder precedes the address.
+    If the path has a part such as ``https:``, the user gave an internet address, whose two slashes `Path` has replaced
+    by one.  The message then says that addresses are not opened.  Text of `name` before the address is removed, such as
+    the current folder in an absolute path.
     """
     if not {"http:", "https:", "file:", "ftp:"}.isdisjoint(path.parts):
         address = re.sub(r"\S*?\b(https?|file|ftp):/+", r"\1://", name, count=1)
@@ -95,7 +96,10 @@ def _missing(path: Path, name: str) -> InputError:
 
 
 def read_text(path: Path) -> str:
-    """Return the text of a UTF-8 file with LF line ends; raise InputError for unreadable, other and too large files."""
+    """Return the text of a UTF-8 file, with LF line ends; raise InputError if it is unreadable, not UTF-8 or too large.
+
+    The maximum size is `MAX_TEXT_BYTES` (256 MiB).
+    """
     return decode(read_bytes(path, MAX_TEXT_BYTES), path)
 
 
@@ -177,7 +181,8 @@ def files_together(folder: Path) -> Iterator[Path]:
     """Yield a temporary folder inside `folder`, whose files are moved to `folder` if the block succeeds.
 
     All other files in `folder` are kept, also those that a ``summary.json`` lists.  After an error, an interrupt, or
-    the end of the process during the block, the temporary folder and created folders are deleted.
+    the end of the process during the block, the temporary folder is deleted, and so are `folder` and its parents if
+    this function created them.
 
     Raises
     ------

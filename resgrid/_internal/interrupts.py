@@ -17,7 +17,8 @@ def interrupts_deferred(wake: Callable[[], object] | None = None) -> Iterator[No
     it forever.
 
     `wake`: called in the signal handler when a signal arrives, to end a wait in the block; None if the block does not
-    wait. Signals that are ignored, or that end the process by default, keep their effect.
+    wait. If several signals arrive, only the first one is handled. Signals that are ignored, or that end the process by
+    default, keep their effect.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -44,7 +45,10 @@ def interrupts_deferred(wake: Callable[[], object] | None = None) -> Iterator[No
 
 @contextmanager
 def interrupts_ignored() -> Iterator[None]:
-    """Make processes that are started in the block ignore Ctrl-C; this has no effect outside the main thread."""
+    """Make this process, and processes that are started in the block, ignore Ctrl-C until the block ends.
+
+    The started processes also ignore Ctrl-C after the block.  Outside the main thread this has no effect.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield
         return

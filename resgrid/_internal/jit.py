@@ -19,7 +19,10 @@ import numpy as np
 from numba import njit
 
 FAST = {"contract", "reassoc", "nsz", "arcp"}
-"""Permitted floating-point optimizations: sums may be reordered and vectorized; infinities and NaN are preserved."""
+"""Permitted floating-point optimizations, as names of LLVM flags: sums may be reordered and vectorized.
+
+Infinities and NaN are preserved.
+"""
 
 ZERO = cast(int, np.int64(0))
 """Zero of type int64, for kernels; numba would compile a function again for a literal argument 0."""
@@ -36,7 +39,7 @@ _DEVICE: dict[str, Any] = {**_COMMON, "no_cpython_wrapper": True}
 Device functions are called from compiled code only. The options omit the entry point for C and, in device functions,
 that for Python. Compilation of these unused entry points takes an eighth of the time until the first solution.
 Division by zero gives inf or NaN, as in numpy. A division that can raise an exception keeps numba from removing counts
-of references to arrays: with such divisions, tracing takes a third longer.
+of references to arrays: with such divisions, the tracing of streamlines takes a third longer.
 """
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
@@ -57,7 +60,7 @@ def kernel_fast(function: _Function) -> _Function:
 
 
 def inner(function: _Function) -> _Function:
-    """Return a compiled device function, which only compiled code can call; it is not cached by itself."""
+    """Return a compiled device function, which only compiled code can call; the calling kernels cache its code."""
     return cast(_Function, _njit(**_DEVICE)(function))
 
 

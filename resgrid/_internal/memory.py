@@ -1,4 +1,4 @@
-"""Comparison of available memory and disk space with the needs of a job, before the job allocates them."""
+"""Checks, before a job starts, that the available memory and disk space suffice for the job."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pathlib import Path
 from resgrid.errors import BudgetError
 
 BYTES_PER_CELL = 16
-"""Estimated memory per cell in bytes while a scene is sampled."""
+"""Estimated memory per cell in bytes while the cells of a scene are classified as free, obstacle or goal."""
 
 FEWER_CELLS = "take fewer, larger cells"
 SMALLER_MAP = (
@@ -79,7 +79,7 @@ def require_grid_memory(
 def _meminfo_available() -> int:
     """Return the available memory in bytes, estimated by the operating system; the largest integer on Windows.
 
-    Where the system reports no estimate, the result is the whole physical memory.
+    If the system has no file ``/proc/meminfo`` with an estimate (macOS), the result is the whole physical memory.
     """
     meminfo = Path("/proc/meminfo")
     if meminfo.exists():
@@ -92,7 +92,10 @@ def _meminfo_available() -> int:
 
 
 def _container_left() -> int | None:
-    """Return the unused memory in bytes of the container, inactive file pages included; None without a limit."""
+    """Return the memory in bytes below the limit of the container; None if the container has no limit.
+
+    Inactive file pages count as unused, because the system frees them when memory is needed.
+    """
     try:
         limit, taken = (int((_GROUP / name).read_text()) for name in ("memory.max", "memory.current"))
         rows = dict(line.split() for line in (_GROUP / "memory.stat").read_text().splitlines())

@@ -196,8 +196,8 @@ class _Chunker:
     def next_task(self, window: int) -> _Task | None:
         """Return the next task, or None after the last one.
 
-        `window`: number of tasks that run at once.  Tasks become smaller towards the end of a part, so that all workers
-        finish at about the same time.
+        `window`: number of tasks that are submitted at the same time.  A task has at most 1 / `window` of the remaining
+        items of the part, so that tasks become smaller and all workers finish at about the same time.
         """
         while self._part is None or self._begin >= len(self._part.items):
             self._part = next(self._parts, None)
@@ -382,10 +382,10 @@ def _task_failed(task: _Task, error: BaseException) -> WorkerError:
 
 
 def _do(function: Callable[[Any, Any], Results], shared: Any, items: Results) -> tuple[Results, float] | None:
-    """In a worker: return the results of a task and their duration in seconds, or None if the data cannot be read.
+    """In a worker: return the results of a task and their duration in seconds, or None if shared data are unreadable.
 
-    `function`: called as ``function(shared, items)``; `shared`: a `SharedData`, or the object itself; `items`:
-    arguments of the task, of which each has one result.
+    `function`: called as ``function(shared, items)``, returns one result per item; `shared`: argument that is common to
+    all items, as a `SharedData` (the name of a file) or the object itself; `items`: arguments of the task.
     """
     if isinstance(shared, SharedData):
         try:

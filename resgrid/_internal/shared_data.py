@@ -14,7 +14,7 @@ from resgrid.errors import InputError
 
 @dataclass(frozen=True)
 class SharedData:
-    """The argument that all items of a `JobPart` share, in pickled form.
+    """The argument, in pickled form, that all calls of a parallel job part (`JobPart`) share.
 
     `digest`: SHA-256 hash of the data; `path`: file that contains the data; `data`: the bytes, for a worker that cannot
     read the file, else None.

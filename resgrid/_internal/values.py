@@ -35,13 +35,19 @@ def frozen(record: type[Record]) -> type[Record]:
 
 
 def brief(record: type[Record]) -> type[Record]:
-    """Replace the ``repr`` of a dataclass by one without default values and long tuples, and return the class."""
+    """Replace the ``repr`` of a dataclass of settings by a shorter one, and return the class.
+
+    The ``repr`` omits attributes that equal their defaults, and the entries of tuples of more than 12 entries.
+    """
     record.__repr__ = _brief_repr  # type: ignore[method-assign]
     return record
 
 
 def _brief_repr(self: Any) -> str:
-    """Return the representation of a dataclass without default values and without the entries of long tuples."""
+    """Return the representation of a dataclass without the attributes that equal their defaults.
+
+    A tuple of more than `_MAX_BRIEF` entries is represented by the number of its entries.
+    """
     values = {field.name: getattr(self, field.name) for field in fields(self) if field.repr}
     defaults = {field.name: field.default_factory() if callable(field.default_factory) else field.default
              for field in fields(self)}  # fmt: skip

@@ -31,12 +31,13 @@ _MOST_CELLS = 400
 """Maximum number of cells that `ADCResolution.cells_passed` returns; later cells on the paths are left out."""
 
 _SMALL = 1e-4
-"""Current of a nonlinear resistor, as a fraction of its saturation current, below which the resistor counts as linear.
+"""Ratio of a nonlinear resistor's current to its saturation current, up to which the resistor counts as linear when the
+voltage across it is computed.
 """
 
 _SATURATED = 1.0 - 1e-16
 """Largest current of a nonlinear resistor, as a fraction of its saturation current, in the computation of its voltage.
-Rounding would decide the voltage of a larger current.
+A larger current is replaced by this limit, because its voltage would consist of rounding errors.
 """
 
 
@@ -78,10 +79,10 @@ def enterable(space: ConfigurationSpace) -> NDArray[np.bool_]:
 
 
 def steps_of(op: OperatingPoint) -> Steps:
-    """Return the voltage steps between neighbouring cells at an operating point.
+    """Return the voltage steps from every free cell to its free and goal face neighbours, as Steps.
 
     The step across a resistor is its current over its conductance.  Without a resistor between two neighbours, the step
-    is the difference of their voltages.
+    is the difference of their voltages.  `op`: operating point of a netlist with cells.
     """
     cells = op.netlist.cells
     space, node = cells.space, cells.node.ravel()
@@ -113,8 +114,9 @@ def _across_elements(
     """Return face, orientation, direction of the current, and voltage of all resistors that cross a cell face.
 
     The result has four arrays (elements,), linear resistors first: number of the face; True if the first end of the
-    resistor lies in the cell at the lower coordinate; sign of the current from the first end to the second (-1, 0 or
-    1); natural logarithm of the magnitude of the voltage in volts.  `op`: operating point; `cells`: map of the cells.
+    resistor lies in the cell at the lower coordinate; sign of the current, positive from the first end to the second
+    (-1, 0 or 1); natural logarithm of the magnitude of the voltage across the resistor in volts.  `op`: operating
+    point; `cells`: map of the cells.
     """
     netlist = op.netlist
     linear, nonlinear = cells.resistor_face >= 0, cells.nonlinear_face >= 0
@@ -133,7 +135,10 @@ def _across_elements(
 
 
 def _cells_of_faces(space: ConfigurationSpace) -> NDArray[np.int64]:
-    """Return the flat indices of the cells below and above every cell face, -1 outside the grid, shape (faces, 2)."""
+    """Return the flat indices of the cells on both sides of every cell face, shape (faces, 2); -1 outside the grid.
+
+    The cell at the lower coordinate comes first.  Faces are numbered axis by axis, in C order along each axis.
+    """
     wide = with_margin(np.arange(space.cell.size).reshape(space.shape), space.periodic, beyond=-1)
     sides = (cells_at_faces(wide, axis) for axis in range(space.ndim))
     return np.concatenate([np.stack([below.ravel(), above.ravel()], axis=1) for below, above in sides])
@@ -159,11 +164,12 @@ class ADCResolution(Result):
         neighbour.  Infinite where a cell of the path has no lower neighbour; NaN in cells that are not free or have no
         path to a goal.
     following : ndarray of int64, shape of the space
-        Flat index (C order) of the lowest face neighbour of a cell, -1 if no neighbour is lower.
+        Flat index (C order) of the face neighbour with the lowest voltage above the goal rail; -1 if no neighbour is
+        lower than the cell, and in cells that are not free or have no path to a goal.
     boundary : str
         Boundary condition of the circuit: ``"dirichlet"``, ``"neumann"`` or ``"wall"``.
     starts : ndarray of float64, shape (k,)
-        Bits that every start with a path to a goal needs, in C order of the cells.
+        The `start_bits` of the k free cells with a path to a goal, in C order of the cells.
     figures : mapping of str to Figure
         Figures of merit by name.
 
@@ -239,8 +245,8 @@ class ADCResolution(Result):
         Parameters
         ----------
         starts : sequence of tuple of int
-            Indices of start cells; those without a path to a goal are left out.  If none is left, the start that needs
-            most bits.
+            Indices of start cells; starts without a path to a goal are left out.  If none is left, the path from the
+            start with the largest finite `start_bits` is returned.
 
         Returns
         -------
@@ -352,7 +358,7 @@ def analyse_adc_resolution(op: OperatingPoint, *, span: Positive | None = None) 
 def _largest_ahead(
     bits: NDArray[np.float64], following: NDArray[np.int64], space: ConfigurationSpace
 ) -> NDArray[np.float64]:
-    """Return the largest value on the path from every cell to the path's end, shape (cells,), by pointer doubling.
+    """Return the largest value of `bits` from every cell to the end of its path, shape (cells,), by pointer doubling.
 
     The result is NaN where `bits` is NaN.  `bits` (cells,): values, NaN except in free cells with a path to a goal;
     `following` (cells,): flat index of the next cell on the path, -1 at an end; `space`: gives the goal cells, whose

@@ -42,10 +42,11 @@ READING = (
 """Keys of the read-out in a chip description that do not change the circuit."""
 
 _SCALE = ("resistance", "corner", "supply", "wall_resistance")
-"""Keys of the chip description that every form of the circuit represents.
+"""Keys of the chip description that every form of the circuit (netlist with effects, array of tiles, ideal netlist)
+represents.
 
-The next three constants are groups of further keys: switches, resistors with rounded or drawn values, and deviations of
-the resistors.
+The next three constants are groups of further keys: `_SWITCHES`, `_DRAWN` (rounding of resistances to preferred values
+or drawn lengths) and `_SCATTERED` (deviations of the resistances).
 """
 _SWITCHES = tuple(f"{kind}_switch_{state}" for kind in ("goal", "obstacle", "internodal") for state in ("on", "off"))
 _DRAWN = ("process", "preferred", "sheet_resistance", "width", "length", "drawing_grid")
@@ -113,9 +114,11 @@ def ideal_netlist(space: ConfigurationSpace, chip: Chip, wiring: Wiring) -> Netl
 
 
 def conductance_samples(netlist: Netlist, seeds: Iterable[Any], *, chip: Chip) -> tuple[Netlist, NDArray[np.float64]]:
-    """Return the circuit without mismatch, and the conductances of chips in siemens, shape (chips, resistors).
+    """Return the circuit of a chip without mismatch, and the conductances of one chip per seed with mismatch.
 
-    `netlist`: ideal circuit; `seeds`: seed of every chip; `chip`: chip description.
+    The conductances, in siemens, have shape (chips, resistors), in the order of the returned circuit.  `netlist`: ideal
+    circuit; `seeds`: seed of every chip; `chip`: chip description.  Raises InputError for chips with defects or
+    saturation, whose circuits differ in more than their conductances.
     """
     model = ConductanceModel.of(netlist, chip)
     return model.netlist, model.draw([seed_of(seed) for seed in seeds])
@@ -125,14 +128,16 @@ def conductance_samples(netlist: Netlist, seeds: Iterable[Any], *, chip: Chip) -
 class ConductanceModel:
     """Distribution of the conductances of chips that share one circuit: everything that does not depend on the seed.
 
-    A site is the numbered place of a grid resistor, for which a random factor is drawn.  The drawn resistors are the
-    first resistors of the circuit: those that exist before mismatch is applied.
+    A site is a numbered place on the die (a cell face, or a cell with a leak) with a random factor for the resistance
+    of the grid resistor in that place.  The first ``k`` resistors of the circuit are those of the ideal circuit.
+    Resistors that effects append (open switches, rail segments, loads of the read-out) follow; they have no mismatch.
 
-    `netlist`: the circuit without mismatch; `site` (drawn resistors,): site of each, -1 for a resistor without
-    mismatch; `sites`: number of sites; `deviation`: standard deviation of a resistance as a fraction of its mean, shape
-    () or (sites,), None without mismatch; `switch` (drawn resistors,): resistance, in ohms, of the switch in series
-    with each resistor, 0 without a switch.  A conductance of the circuit is that of the series; the random factor
-    multiplies the resistor without the switch.
+    `netlist`: the circuit with all effects except mismatch; `site` (k,): site of each of the first ``k`` resistors, -1
+    for a resistor that lies in no site and has no mismatch; `sites`: number of sites; `deviation`: standard deviation
+    of a resistance as a fraction of its mean, shape () or (sites,), None without mismatch; `switch` (k,): resistance,
+    in ohms, of the closed switch in series with each of the first ``k`` resistors, 0 without a switch.  A conductance
+    in `netlist` is that of the resistor and its switch in series; the random factor multiplies only the resistance of
+    the resistor.
     """
 
     netlist: Netlist
@@ -168,7 +173,10 @@ class ConductanceModel:
         return cls(circuit, random_sites.resistor_sites(drawn)[0], random_sites.site_count(drawn), deviation, switch)
 
     def draw(self, seeds: Sequence[Seed]) -> NDArray[np.float64]:
-        """Draw chips with the given seeds; return their conductances in siemens, shape (chips, resistors)."""
+        """Draw one chip per seed at random; return the conductances in siemens, shape (chips, resistors).
+
+        The resistors have the order of `netlist`, the circuit without mismatch.
+        """
         samples = np.tile(self.netlist.conductance, (len(seeds), 1))
         if self.deviation is None:
             return samples
@@ -255,8 +263,9 @@ def keys_not_held(chip: Chip, form: Form) -> tuple[str, ...]:
 def _matters(chip: Chip, key: str, usual: Any) -> bool:
     """Return whether the chip would change if a key of its description had its default value.
 
-    `key`: key of the chip description; `usual`: default value of the key.  The result is also True if the description
-    would then be invalid, because another of its keys requires this one.
+    `key`: key of the chip description; `usual`: default value of the key.  Keys of the scale (resistance, corner,
+    supply, wall resistance) and of the read-out always count as a change.  The result is also True if the description
+    would be invalid with the default value, because another key requires `key`.
     """
     try:
         other = chip_with(chip, {key: usual})

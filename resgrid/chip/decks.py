@@ -32,10 +32,10 @@ from resgrid.spice.write.files import WrittenDeck, write_spice
 CELSIUS = (-40.0, 27.0, 85.0, 125.0)
 """Temperatures of the operating points of the temperature deck, in degrees Celsius."""
 BAND = 100.0
-"""Upper limit of the noise band as an angular frequency, multiplied by the fastest time constant (no unit)."""
+"""Upper limit of the noise band of a deck: the angular frequency times the chip's fastest time constant (no unit)."""
 
 Words = dict[str, Any]
-"""Title and dialect of the decks, by the names of these arguments of `write_spice`."""
+"""Keyword arguments ``title`` and ``dialect`` (name of the simulator's dialect) of `write_spice`, by name."""
 
 _DESCRIPTIONS = {
     "op": "the chip, for its operating point",
@@ -43,7 +43,7 @@ _DESCRIPTIONS = {
     "noise": "the same chip, for the noise at its noisiest cell",
     "temperature": "the same chip with temperature coefficients, for several temperatures",
 }
-"""Descriptions of the decks, by name."""
+"""Descriptions of the decks for the list of written files, by the name of the deck."""
 _POINTS = 20
 """Number of frequencies per decade of frequency in the noise analysis of a deck."""
 _STEPS = 400
@@ -51,9 +51,9 @@ _STEPS = 400
 _MOMENTS = 10
 """Number of times of the transient analysis at which the sidecar states expected voltages."""
 _MOST_PROBES = 1000
-"""Number of nodes up to which a deck records all node voltages."""
+"""Largest number of nodes for which a deck records all node voltages."""
 _FEW_PROBES = 64
-"""Number of nodes whose voltages the deck of a larger netlist records."""
+"""Number of nodes whose voltages a deck records if the netlist has more than 1000 nodes (`_MOST_PROBES`)."""
 
 
 def write_decks(
@@ -69,9 +69,9 @@ def write_decks(
 
     Names: ``op`` (operating point), ``transient`` and ``noise`` (only with `settling`), ``temperature``.
 
-    `op`: operating point; `linear`: the circuit, linearized at `op` if it is nonlinear; `settling`: settling of the
-    chip, None for a chip without capacitances; `ideal`: circuit before the effects of the chip; `chip`: chip
-    description; `folder`: existing folder; `words`: the arguments ``title`` and ``dialect`` of `write_spice`, by name.
+    `op`: operating point of the chip; `linear`: circuit of the chip, linearized at `op` if it is nonlinear; `settling`:
+    Settling of `linear`, None for a chip without capacitances; `ideal`: circuit before the effects of the chip; `chip`:
+    chip description; `folder`: existing folder; `words`: the arguments ``title`` and ``dialect`` of `write_spice`.
     """
     decks = {"op": write_spice(op, folder / "op.cir", **words)}
     if settling is not None:
@@ -98,10 +98,14 @@ def described_files(decks: Mapping[str, WrittenDeck], dialect: str) -> dict[str,
 
 
 def _transient(netlist: Netlist, settling: Settling, path: Path, words: Words) -> WrittenDeck:
-    """Write the deck of the transient analysis to `path`; return the written deck.
+    """Write the deck of the transient after the supplies are switched on to `path`; return the written deck.
 
-    Time 0 of the expected result is the middle of the simulator's first time step.  `netlist`: linear circuit;
-    `settling`: settling of this circuit; `words`: the arguments ``title`` and ``dialect`` of `write_spice`, by name.
+    The sidecar states the expected voltages at ten times and at the end of settling, the slowest time constant, and the
+    weights of the nodes in the slowest mode.  The expected voltages are those of an ideal switch-on in the middle of
+    the simulator's first time step, in which the supplies rise.
+
+    `netlist`: linear circuit; `settling`: Settling of `netlist`, which gives the time constants, the settling time, the
+    final voltages and the slowest mode; `words`: the arguments ``title`` and ``dialect`` of `write_spice`, by name.
     """
     tau = float(settling.time_constants[0])
     stop = float(f"{max(1.1 * settling.settle_time, 6.0 * tau):.3g}")
@@ -133,10 +137,11 @@ def _transient(netlist: Netlist, settling: Settling, path: Path, words: Words) -
 
 
 def _noise(netlist: Netlist, settling: Settling, path: Path, words: Words) -> WrittenDeck:
-    """Write the deck with the noise of the noisiest cell to `path`; return the written deck.
+    """Write the deck with the thermal noise voltage of the noisiest cell to `path`; return the written deck.
 
-    `netlist`: linear circuit; `settling`: settling of this circuit, which gives the frequency band; `words`: the
-    arguments ``title`` and ``dialect`` of `write_spice`, by name.
+    The sidecar states the node, the band in hertz, and the expected noise: rms voltage within the band and over all
+    frequencies, and density at low frequency.  `netlist`: linear circuit; `settling`: Settling of `netlist`, whose
+    time constants determine the band; `words`: the arguments ``title`` and ``dialect`` of `write_spice`, by name.
     """
     band = noise_band(settling)
     noise = analyse_noise(netlist, band=band)
@@ -159,11 +164,11 @@ def _noise(netlist: Netlist, settling: Settling, path: Path, words: Words) -> Wr
 
 
 def noise_band(settling: Settling) -> tuple[float, float]:
-    """Return the lower and the upper limit of the noise band of a settling chip, in hertz.
+    """Return the lower and the upper limit of the noise band of a chip with capacitances, in hertz.
 
-    The band reaches from 0.01 times the lowest to 100 times the highest corner frequency.  Because the simulator stops
-    at the last of its frequency points, the upper limit is rounded up to such a point.  `settling`: gives the time
-    constants.
+    The band reaches from 0.01 times the lowest to 100 times the highest corner frequency ``1 / (2 pi tau)``.  The
+    upper limit is rounded up to a frequency point of the simulator, which computes 20 points per decade from the lower
+    limit and stops at the last of them.  `settling`: gives the slowest and the fastest time constant ``tau``.
     """
     low = float(f"{0.01 / (2.0 * np.pi * float(settling.time_constants[0])):.3g}")
     points = int(np.ceil(_POINTS * np.log10(BAND / (2.0 * np.pi * settling.fastest * low))))
@@ -173,10 +178,10 @@ def noise_band(settling: Settling) -> tuple[float, float]:
 def _temperature(ideal: Netlist, chip: Chip, path: Path, words: Words) -> WrittenDeck:
     """Write the deck of the operating points at several temperatures to `path`; return the written deck.
 
-    The temperatures are those of `CELSIUS` and that of the chip, without those at which a resistance would be negative.
-    The sidecar states the voltages at each.
-    `ideal`: circuit before the effects of the chip; `chip`: chip description; `words`: the arguments ``title`` and
-    ``dialect`` of `write_spice`, by name.
+    The temperatures are -40, 27, 85 and 125 degrees Celsius (`CELSIUS`) and the temperature of the chip description.
+    Temperatures at which a resistance would be negative or zero are left out.  The sidecar states the voltages at each
+    temperature.  `ideal`: circuit before the effects of the chip; `chip`: chip description; `words`: the arguments
+    ``title`` and ``dialect`` of `write_spice`, by name.
     """
     cold = build_chip(ideal, dataclasses.replace(chip, temperature=None))
     nodes = _probed(cold, solve(cold).voltage)
@@ -199,10 +204,10 @@ def _temperature(ideal: Netlist, chip: Chip, path: Path, words: Words) -> Writte
 
 
 def _probed(netlist: Netlist, volts: NDArray[np.float64]) -> NDArray[np.int32]:
-    """Return the nodes of cells whose voltages a deck records, shape (k,): all of at most 1000 nodes, else 64.
+    """Return the numbers of the cell nodes whose expected voltages the sidecar of a deck states, shape (k,).
 
-    The 64 nodes are evenly spaced in the order of their numbers.  `volts` (nodes,): node voltages; nodes with NaN are
-    left out.
+    These are all cell nodes if there are at most 1000, otherwise 64 of them, evenly spaced in the order of their
+    numbers.  `volts` (nodes,): node voltages; nodes with NaN are left out.
     """
     cell_map = netlist.cells
     nodes = np.unique(cell_map.node[cell_map.node >= 0])

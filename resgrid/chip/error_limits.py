@@ -47,9 +47,9 @@ class Limit:
     beyond_share : Proportion or None
         Yield at `beyond`, below the target; None if there is no next candidate.
     sure, possible : float, int or None
-        Ends of the interval of `value`: the worst value at which the lower end of the yield's confidence interval
-        reaches the target, and the worst at which its upper end does.  None where no value but an ideal converter, or
-        no value at all, has such a yield.
+        Ends of the interval of `value`.  `sure`: the worst value, not beyond `value`, at which the lower end of the
+        yield's confidence interval reaches the target; `possible`: the worst value at which the upper end does.  None
+        where only an ideal converter, or no value at all, has such a yield.
     reached : bool
         Whether the yield reaches the target at the ideal value.
     tolerated : float, int or None
@@ -127,7 +127,7 @@ class Limit:
 def _distinguished(first: float, second: float) -> tuple[str, str]:
     """Return two fractions as texts in per cent, with the fewest decimals (one to five) that make the texts differ.
 
-    `first, second`: the fractions, between 0 and 1.
+    `first, second`: the fractions, between 0 and 1.  If no number of decimals makes them differ, both have five.
     """
     for decimals in range(1, 6):
         texts = f"{100 * first:.{decimals}f} %", f"{100 * second:.{decimals}f} %"
@@ -164,9 +164,10 @@ class Ladder:
 
 
 def mismatch_ladder(chip: Chip) -> Ladder:
-    """Return the mismatches to try for a chip: 0 and 0.01 % to 82 %, as standard deviations of a resistance.
+    """Return the Ladder of the mismatches to try for a chip: 0, and 0.01 % to 82 % in steps of the E12 series.
 
-    If the description has a Pelgrom coefficient, this coefficient is changed, and the area of the resistors is not.
+    A mismatch is the standard deviation of a resistance over its mean.  If the description has a Pelgrom coefficient
+    and the area of a resistor, a candidate changes the coefficient and keeps the area.
     """
 
     def changed(deviation: float) -> Chip:
@@ -180,7 +181,10 @@ def mismatch_ladder(chip: Chip) -> Ladder:
 
 
 def _area(chip: Chip) -> float | None:
-    """Return the area of a chip's resistor of nominal value, in square metres; None if the chip does not define it."""
+    """Return the area of the strip of a resistor of nominal value, in square metres.
+
+    The result is None if the chip description `chip` lacks the width, or both the length and the sheet resistance.
+    """
     if chip.width is None:
         return None
     length = chip.length
@@ -190,7 +194,10 @@ def _area(chip: Chip) -> float | None:
 
 
 def offset_ladder(chip: Chip) -> Ladder:
-    """Return the read-out offsets to try for a chip, in volts: 0, and from a millionth of the supply to the supply."""
+    """Return the Ladder of the read-out offsets to try for a chip, as standard deviations in volts.
+
+    The candidates are 0, and the E12 values from a millionth of the supply voltage to the supply voltage.
+    """
     supply = abs(chip.supply)
     every = (float(f"{mantissa}e{power}") for power in range(-18, 13) for mantissa in _E12)
     values = (value for value in every if _SMALLEST_OFFSET * supply <= value <= supply)
@@ -202,7 +209,7 @@ def offset_ladder(chip: Chip) -> Ladder:
 
 
 def bits_ladder(chip: Chip) -> Ladder:
-    """Return the converter resolutions to try for a chip: an ideal converter, and 32 bits down to 1."""
+    """Return the Ladder of the converter resolutions to try for a chip: an ideal converter, and 32 bits down to 1."""
 
     def changed(bits: int | None) -> Chip:
         return dataclasses.replace(chip, readout=dataclasses.replace(chip.readout, bits=bits))
@@ -258,9 +265,10 @@ def _last_by_scan(count: int, passes: Callable[[int], bool]) -> int:
 def _last_sure(last: int, passes: Callable[[int], bool], *, every: bool) -> int:
     """Return the position of the worst candidate, up to `last`, whose whole confidence interval passes; -1 for none.
 
-    Better candidates need not pass: the interval of equal chips is wider than that of chips that differ a little.
-    `passes`: function from the position of a candidate to whether its interval lies above the target; `every`: whether
-    to try all candidates instead of bisecting.
+    A better candidate (an earlier position) may fail although a worse one passes: the confidence interval is wider
+    where all chips serve equally many starts than where the numbers differ a little.  `last`: position of the last
+    candidate to consider, -1 for none; `passes`: function from the position of a candidate to whether the lower end of
+    its interval reaches the target; `every`: True to try all candidates from `last` backwards, False to bisect.
     """
     if every:
         return next((candidate for candidate in range(last, -1, -1) if passes(candidate)), -1)

@@ -41,8 +41,11 @@ errors.
 _BLOCK = 128
 """Number of elements between two calls of the progress function and checks of the time limit."""
 _LEAKY, _BRIDGE = 1e-3, 1e-9
-"""Values of the denominator ``1 + delta w . z`` of the update (see the module) below which voltages need an iterative
-refinement step (`_LEAKY`), or a new solve (`_BRIDGE`).
+"""Limits on the denominator ``1 + delta r`` of the voltage update for a fault, without unit.
+
+``delta`` is the change of the element's conductance in siemens, ``r`` the resistance in ohms that the circuit without a
+fault has between the ends of the element.  Below `_LEAKY` the voltages get a step of iterative refinement.  At or below
+`_BRIDGE` the faulty circuit is solved from scratch.
 """
 
 _WORST = 10
@@ -66,8 +69,9 @@ class FaultAnalysis(Result):
     served : int
         Number of starts that reach a goal without a fault.
     open, short : ndarray of float64, shape (elements,)
-        Number of these starts that are lost when the element is open, or shorted.  Linear resistors (switches and rail
-        segments included) come first, then nonlinear resistors.  NaN for elements not examined within the time limit.
+        Number of the starts counted in `served` that do not reach a goal when the element is open, or shorted.  Linear
+        resistors (switches and rail segments included) come first, then nonlinear resistors.  NaN for elements not
+        examined within the time limit.
     short_resistance : float
         Resistance of a short, in ohms.
     bits : int
@@ -181,7 +185,7 @@ class FaultAnalysis(Result):
         return {**super().to_json(), **listed}
 
     def lost(self, fault: str) -> NDArray[np.float64]:
-        """Return the number of starts that each element with a fault loses.
+        """Return for every element the number of starts counted in `served` that its fault keeps from reaching a goal.
 
         Parameters
         ----------
@@ -217,7 +221,8 @@ def analyse_faults(
     `readout`: read-out of the chip, whose offset and noise are ignored; `short_resistance`: resistance of a short, in
     ohms; `starts` (shape of the space): mask of the start cells, None for all cells with a path to a goal; `seconds`:
     time limit in seconds, None for no limit; `progress`: function called with the numbers of finished and of all
-    elements.  Returns a FaultAnalysis.
+    elements.  Elements are examined in descending order of their currents, so that a time limit leaves out those with
+    the smallest currents.  Returns a FaultAnalysis.
     """
     cells = cells_with_nodes(netlist, "faults that cost starts")
     bits = IDEAL_BITS if readout.bits is None else readout.bits
@@ -313,7 +318,8 @@ class _Change:
     def _kcl_residual(self, volts: NDArray[np.float64], siemens: float) -> NDArray[np.float64]:
         """Return the residual of Kirchhoff's current law in every row (unknown voltage), in amperes, shape (n,).
 
-        `volts` (nodes,): node voltages, in volts; `siemens`: new conductance of the resistor.
+        The residual is the sum of the currents into the node of the row, from resistors and current sources.  `volts`
+        (nodes,): node voltages, in volts; `siemens`: new conductance of the resistor.
         """
         netlist = self.rows.netlist
         conductance = netlist.conductance.copy()

@@ -1,4 +1,7 @@
-"""Figures of merit with unit and definition, and fractions of trials with score intervals (Wilson 1927)."""
+"""Figures of merit with unit and definition, their tables, the base class of results, and fractions with intervals.
+
+Fractions of trials have score intervals (Wilson 1927), also for clusters of correlated trials (Kish 1965).
+"""
 
 from __future__ import annotations
 
@@ -50,7 +53,7 @@ class Figure:
 
 
 def formatted(value: float | int | str | None, unit: str) -> str:
-    """Return a value with its unit as text, with four digits and an SI prefix in steps of a thousand: ``"38.12 µA"``.
+    """Return a value with its unit as text, such as ``"38.12 µA"``: four significant digits and an SI prefix.
 
     `value`: number, text (returned unchanged), or None for an undefined value; `unit`: SI unit, ``""`` for a pure
     number.
@@ -123,16 +126,18 @@ def defined(value: float) -> float | None:
 
 @dataclass(frozen=True)
 class Proportion:
-    """A fraction of trials, with its confidence interval.
+    """A fraction that was observed in trials (chips), with its confidence interval.
 
-    The type of `Yield.overall`, `Yield.perfect`, `YieldLoss.overall` and `Cause.share`.
+    The type of `Yield.overall`, `Yield.perfect`, `YieldLoss.overall` and `Cause.share`.  A yield is the fraction of all
+    starts on all chips from which a robot reaches a goal, so that it is no multiple of 1 / `trials`; `Yield.perfect` is
+    a fraction of the chips.
 
     Attributes
     ----------
     value, low, high : float
-        The observed fraction, and the lower and upper ends of the interval.
+        The observed fraction, and the lower and upper ends of its confidence interval, each from 0 to 1.
     trials : int
-        Number of trials.
+        Number of trials (chips); 1 if all chips are equal.
     confidence : float
         Confidence of the interval, between 0 and 1.
     half_width : float
@@ -166,11 +171,12 @@ class Proportion:
 def proportion(
     share: float, trials: int, confidence: float, effective: float | None = None, *, random: bool
 ) -> Proportion:
-    """Return a fraction of trials with its score interval (Wilson 1927), as a Proportion.
+    """Return a fraction that was observed in trials with its score interval (Wilson 1927), as a Proportion.
 
-    `share`: observed fraction; `trials`: number of trials; `confidence`: confidence of the interval, between 0 and 1;
-    `effective`: number of independent trials with the same information, None for `trials`; `random`: whether trials
-    differ. If they do not, the interval has no width and the number of trials is 1.
+    `share`: observed fraction, 0 to 1; `trials`: number of trials (chips); `confidence`: confidence of the interval,
+    between 0 and 1; `effective`: number of independent trials that would be as precise, which determines the width of
+    the interval, None for `trials`; `random`: whether trials differ; if they do not, the interval has no width, and the
+    number of trials in the result is 1.
     """
     if not random:
         return Proportion(share, share, share, 1, confidence)
@@ -193,10 +199,12 @@ def wilson(share: NDArray[np.float64] | float, trials: float, confidence: float)
 def effective_trials(counts: NDArray[np.int64], members: int) -> float:
     """Return the number of independent trials that are as precise as trials in clusters (Kish 1965).
 
-    The members of a cluster may be correlated.  The result is ``p (1 - p)`` over the variance of ``p``, the fraction
-    of successes among all members.  The variance is estimated from the spread between clusters.  The result is at least
-    the number of clusters, at most the number of all members.  `counts` (trials,): number of successes in every
-    cluster; `members`: number of members of a cluster.
+    A cluster is a trial with several members that may be correlated, such as a chip and its starts.  The result is
+    ``p (1 - p)`` over the variance of ``p``, the fraction of successes among the members of all clusters.  The variance
+    is estimated from the spread between clusters.  The result is at least the number of clusters, and at most the
+    number of members of all clusters.  For a single cluster, or equal counts, it is the number of clusters.
+
+    `counts` (clusters,): number of successes in every cluster; `members`: number of members of each cluster.
     """
     total, squares, trials = int(counts.sum()), int(counts @ counts), len(counts)
     share = total / (trials * members)

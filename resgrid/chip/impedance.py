@@ -1,4 +1,6 @@
-"""Resistive parts of the impedances from nodes to the rails, which determine the thermal noise of node voltages.
+"""Resistive parts of the impedances from nodes to the rails, at given frequencies and integrated over a band.
+
+They determine the thermal noise of node voltages.
 
 Let ``z`` be the voltages caused by a current of 1 A (a phasor) into a node.  The real part of the node's impedance
 ``Z`` is the power in the resistors, ``Re Z = sum g |z_a - z_b|^2`` over all conductances ``g`` between nodes ``a`` and
@@ -30,22 +32,25 @@ from resgrid.solvers.supernodal import factor_supernodes
 from resgrid.solvers.supernodal_factors import SupernodalFactors
 
 _WEAK = 1e-3
-"""Limit on the ties of a connected set of rows to the rails, relative to the largest conductance in the set.
+"""Limit, without unit, on the ratio of two conductances of a connected part of the circuit.
 
-Below this ratio of the total conductance to the rails, the unknowns are differences of voltages.
+The ratio is the total conductance from the part to the rails over the largest conductance within the part.  Below the
+limit the part is weakly connected to the rails, and its unknowns are differences of voltages.
 """
 
 _ALLOWED = 1e-6
 """Largest accepted relative error of the real part of an impedance; beyond it, AccuracyError is raised."""
 
 _ROUNDING = 8.0 * float(np.finfo(np.float64).eps)
-"""Assumed relative error of each entry of the triangular factors, caused by rounding (backward error of a solution)."""
+"""Assumed relative error of the entries of the admittance matrix that has the same effect as all rounding errors of a
+solution (backward error).
+"""
 
 _POINTS_PER_DECADE = 6
 """Number of quadrature points per decade of frequency."""
 _FLAT = 1e-2
 """Fraction of the lowest corner frequency below which the noise density is taken as a parabola in the frequency; the
-relative error is 1e-8.
+relative error of the density is 1e-8.
 """
 
 _MOST_ROUNDING = 1e-3
@@ -144,11 +149,12 @@ def inverse_columns(factors: SupernodalFactors, size: int, rows: NDArray[np.int6
 
 
 def _weak_part_basis(G: Laplacian) -> sparse.csr_array:
-    """Return the matrix, shape (n, n), that maps unknowns to row voltages; weakly tied parts use differences.
+    """Return the matrix, shape (n, n), that maps the unknowns of the noise computation to row (node) voltages.
 
-    A weakly tied part of the circuit has a total conductance to the rails that is below `_WEAK` times its largest
-    conductance. Its first unknown is the voltage of its first row; the other unknowns are the differences of the other
-    rows from this row. Elsewhere the unknowns are the row voltages.  `G`: conductance matrix.
+    In a connected part of the circuit whose total conductance to the rails is below `_WEAK` times its largest
+    conductance, the first unknown is the voltage of the first row of the part.  The other unknowns of this part are the
+    voltages of its other rows minus that of the first row.  In all other parts the unknowns are the row voltages.  `G`:
+    conductance matrix.
     """
     n = len(G.ground)
     part = label_components(G.edges)
@@ -217,11 +223,14 @@ def estimated_integrals(dynamics: Dynamics, band: tuple[float, float] | None, si
 
 
 def _largest_currents(dynamics: Dynamics, band: tuple[float, float]) -> NDArray[np.float64]:
-    """Return the magnitudes of the currents into every row at 1 V, at the lower end of a band, in amperes, shape (n,).
+    """Return the currents into every row with 1 V at this row and 0 V at all others, in amperes, shape (n,).
 
-    A change of ``G`` by a fraction ``eps`` of its entries changes ``R_i = (G^-1)_ii`` by at most ``2 eps (G^-1 D
-    G^-1)_ii``, with the diagonal ``D`` of ``G``.  No entry of a row of ``G^-1`` exceeds ``R_i``, so that this is at
-    most ``2 eps R_i (G^-1 d)_i``, where ``d`` are the currents returned here.  `band`: lower and upper limit, in hertz.
+    A current is the conductive current plus the magnitude of the capacitive one at the lower end of `band` (lower and
+    upper limit, in hertz).
+
+    These currents ``d`` bound rounding errors.  A change of ``G`` by a fraction ``eps`` of its entries changes ``R_i =
+    (G^-1)_ii`` by at most ``2 eps (G^-1 D G^-1)_ii``, with the diagonal ``D`` of ``G``.  No entry of a row of ``G^-1``
+    exceeds ``R_i``, so that this change is at most ``2 eps R_i (G^-1 d)_i``.
     """
     return dynamics.conductance.diagonal + 2.0 * np.pi * band[0] * dynamics.capacitance.diagonal
 

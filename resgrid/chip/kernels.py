@@ -113,9 +113,9 @@ def last_outside(
     curve from that line (``h**2 / 8`` times its second derivative, with the step ``h``), lies below `band`.  Other
     steps are shortened until they contain exactly one crossing.
 
-    `shape` (n, m), `weight` (m,); `rate` (m,): decay rates, in 1/s; `times` (t,): ascending, in seconds; `band`: half
-    width of the band around 0, in the unit of the values; `rows` (k,): numbers of the rows to examine; `result` (n,):
-    times, in seconds.
+    `shape` (n, m), `weight` (m,): coefficients of the exponentials, whose products have the unit of the values; `rate`
+    (m,): decay rates, in 1/s; `times` (t,): ascending, in seconds; `band`: half width of the band around 0, in the unit
+    of the values; `rows` (k,): numbers of the rows to examine; `result` (n,): output array of times, in seconds.
     """
     count = len(times)
     decay = np.empty((count, len(rate)))
@@ -145,7 +145,9 @@ def last_outside(
 Integers = NDArray[np.int64]
 
 _UNKNOWN, _REACHED, _LOST, _WALKING = 0, 1, 2, 3
-"""States of a cell: not visited, on a walk that reaches a goal, on one that does not, on the present walk."""
+"""States of a cell while walks are followed, in the order of the names: not visited; on a walk that reaches a goal; on
+a walk that does not; on the walk that is being followed.
+"""
 
 
 @inner

@@ -43,7 +43,7 @@ _SCHEMA = 2
 """Version number of the algorithm of the trials; a checkpoint of another version is rejected."""
 
 _BLOCK = 16
-"""Number of chips that are drawn and solved together; limits the memory of a worker."""
+"""Maximum number of chips that are drawn and solved together; limits the memory of a worker."""
 
 
 class ChipSolution(NamedTuple):
@@ -51,7 +51,8 @@ class ChipSolution(NamedTuple):
 
     `voltage` (nodes,): node voltages in volts, all NaN if the chip has no operating point; None if every read-out under
     test is ideal; `lowest` (cells,): flat index of the face neighbour with the lowest potential according to the face
-    currents, -1 if no neighbour is lower; None if no read-out under test is ideal.
+    currents, -1 if no neighbour is lower; None if no read-out under test is ideal.  An ideal read-out has no
+    quantization, offset or noise, and needs only `lowest`.
     """
 
     voltage: NDArray[np.float64] | None
@@ -127,9 +128,7 @@ def die_temperature(chip: Chip) -> float:
 
 
 Noises = dict[tuple[Chip, float], NDArray[np.float64]]
-"""Rms noise voltages (cells,) in volts of chips without random errors, by chip description and noise bandwidth in
-hertz.
-"""
+"""Rms noise voltages (cells,) in volts of chips without random errors, by chip description and bandwidth in hertz."""
 
 
 def prepare_experiment(
@@ -278,7 +277,7 @@ def _voltage(netlist: Netlist) -> NDArray[np.float64]:
 
 
 def _lowest_of(netlist: Netlist) -> NDArray[np.int64]:
-    """Return the flat index of the lowest face neighbour of every cell of a chip, shape (cells,), by the face currents.
+    """Return the flat index of the lowest face neighbour of every cell of a chip by the face currents, shape (cells,).
 
     The index is -1 where no neighbour is lower; all indices are -1 if the chip has no operating point.
     """
@@ -314,7 +313,8 @@ def _steps(experiment: Experiment, solution: ChipSolution, seed: Seed) -> Iterat
 def unpacked(bits: NDArray[np.uint8], starts: int) -> NDArray[np.bool_]:
     """Return the mask of the starts that reach a goal, shape (readouts, starts).
 
-    `bits` (readouts, bytes): packed bits, an entry of the result of `run_trials`; `starts`: number of starts.
+    `bits` (readouts, bytes): result of one trial, an entry of the list that `run_trials` returns; `starts`: number of
+    starts.
     """
     return np.unpackbits(bits, axis=-1, count=starts).view(np.bool_)
 

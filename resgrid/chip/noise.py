@@ -35,10 +35,10 @@ NOMINAL_KELVIN = 300.15
 """Nominal temperature of SPICE (27 degrees Celsius), in kelvin."""
 
 _HIGHEST = np.float64(1e300)
-"""Upper limit of frequencies in arguments, in hertz; higher ones raise InputError."""
+"""Upper limit of frequencies in arguments, in hertz; frequencies at or above this limit raise InputError."""
 _EXACT_PLANE, _EXACT_VOLUME = 300_000, 15_000
-"""Number of rows (unknown node voltages) up to which the method "auto" computes exact results: for plane grids, and for
-all other circuits.
+"""Largest numbers of rows (unknown node voltages) for which the method "auto" computes exact results: for plane grids
+(`_EXACT_PLANE`), and for all other circuits (`_EXACT_VOLUME`).
 """
 
 
@@ -158,8 +158,9 @@ def analyse_noise(
     """Compute the thermal noise of every node voltage of a netlist; return it as a Noise.
 
     `band`: lower and upper limit of the noise integral in hertz, None for no integral; `temperature`: temperature of
-    the resistors, in kelvin; `method`: exact results, an estimate from random vectors, or a choice by the number of
-    nodes; `samples`: number of random vectors of an estimate; `seed`: seed of these vectors.
+    the resistors, in kelvin; `method`: ``"exact"``, ``"estimate"`` (from random vectors), or ``"auto"``, which is exact
+    up to 300,000 unknown voltages in plane grids and up to 15,000 in other circuits; `samples`: number of random
+    vectors of an estimate; `seed`: seed of these vectors.
     """
     if band is not None and not 0 <= band[0] < band[1] < _HIGHEST:
         raise InputError(f"band = {band} must be two frequencies in hertz, the lower first (for all of them see limit)")
@@ -265,7 +266,8 @@ def _elastance(dynamics: Dynamics) -> NDArray[np.float64]:
 def _is_small(dynamics: Dynamics) -> bool:
     """Return whether the circuit has few enough rows (unknown voltages) for exact results from matrix factors.
 
-    The limit is `_EXACT_PLANE` for at most 2.1 couplings per row, as in a plane grid, else `_EXACT_VOLUME`.
+    The limit is 300,000 rows for circuits with at most 2.1 resistors between rows per row, as in a plane grid, and
+    15,000 rows for others.
     """
     plane = dynamics.conductance.edges.nnz <= 4.2 * max(dynamics.size, 1)
     return dynamics.size <= (_EXACT_PLANE if plane else _EXACT_VOLUME)

@@ -39,7 +39,8 @@ class SharedCircuit(NamedTuple, Generic[Key]):
 class StartsServed(NamedTuple):
     """Number of starts from which the robot reaches a goal, for each chip.
 
-    `counts` (trials,): the numbers, shape (1,) if all chips are equal; `random`: whether the chips differ.
+    `counts` (trials,): the numbers, shape (1,) if all trials are equal; `random`: whether trials differ, by the circuit
+    of the chip or by random errors of its read-out.
     """
 
     counts: NDArray[np.int64]

@@ -1,6 +1,7 @@
 """Energy and time of one plan: settling of the grid, supply during the read-out, and conversions along the path.
 
-The robot compares, in each cell of its path, the voltages of the cell and of its free neighbours.  A conversion costs
+In each cell of its path, the robot compares the voltages of the cell and of the free and goal neighbours.  The reading
+of one voltage is a conversion; it costs
 ``FOM 2**bits`` joules, with the figure of merit ``FOM`` of the converter in joules per conversion step (Walden 1999,
 IEEE J. Sel. Areas Commun. 17(4), 539-550).
 """
@@ -25,7 +26,7 @@ DIGITAL_ENERGY = 1.5e-6
 for 2-D/3-D Autonomous Navigation of Microrobots", 2M gates, 3.65 mm^2, 0.9 V, 200 MHz).
 """
 DIGITAL_TIME = 1e-3
-"""Upper bound of the time of one plan of the processor of `DIGITAL_ENERGY`, in seconds."""
+"""Upper bound of the time, in seconds, of one plan on 100 x 100 cells of the digital processor of `DIGITAL_ENERGY`."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -38,15 +39,15 @@ class PlanEnergy(Result):
         Resolution of the converter, in bits.
     conversions : int
         Number of conversions: for each cell of the path but the goal, one for the cell and one for each of its free or
-        goal neighbours.  It is the mean over the starts of the scene, or over all free cells if no start of the scene
-        has a path to a goal, rounded up.
+        goal neighbours.  It is the mean over the starts of the scene that have a path to a goal, rounded up.  If there
+        is no such start, it is the mean over all free cells with a path.
     conversion_energy : float or None
         Energy of one conversion in joules; None without a figure of merit of the converter.
     settling_energy, settle_time : float
         Energy in joules that the sources deliver until all voltages have settled (to half a step of the converter),
         and the time until then in seconds.
     power : float
-        Power of the settled grid, in watts.
+        Power that all sources deliver to the settled grid, in watts.
     conversion_time : float or None
         Time of one conversion in seconds; None if it is not given, and the time of the read-out then counts as 0.
     figures : mapping of str to Figure
@@ -96,7 +97,12 @@ class PlanEnergy(Result):
 
     @property
     def figures(self) -> Mapping[str, Figure]:
-        """Figures of merit by name: energies and times of the plan and of its parts, and number of conversions."""
+        """Figures of merit by name: energies and times of the plan and of its parts, and number of conversions.
+
+        ``plan_energy`` and its parts ``settling_energy``, ``supply_energy`` (power of the settled grid during the
+        read-out) and ``readout_energy`` (all conversions), in joules; ``conversions``: their number; ``plan_time`` and
+        its part ``readout_time``, in seconds.
+        """
         missing = "" if self.conversion_energy is not None else "; 0 without chip.readout.figure_of_merit"
         untimed = "" if self.conversion_time is not None else "; 0 without chip.readout.conversion_time"
         return {
@@ -115,12 +121,12 @@ class PlanEnergy(Result):
 def analyse_plan_energy(
     settling: Settling, resolution: ADCResolution, readout: Readout, starts: Sequence[tuple[int, ...]]
 ) -> PlanEnergy:
-    """Return the energy and time of one plan.
+    """Return the energy and time of one plan, as a PlanEnergy.
 
-    `settling`: settling of the chip; `resolution`: required converter resolution of the chip, which contains the
-    robot's next cell in every cell; `readout`: description of the converter; `starts`: cells of the starts.  The number
-    of conversions is the mean over the starts with a path to a goal; without such a start, over all free cells with a
-    path.
+    `settling`: settling of the chip, which gives energy, time and power of the grid; `resolution`: ADCResolution of the
+    chip, which gives the robot's next cell from every cell; `readout`: description of the converter; `starts`: indices
+    of the start cells.  The number of conversions is the mean over the starts with a path to a goal; without such a
+    start, over all free cells with a path.
     """
     counts = readings_from(resolution, settling.netlist.cells)
     space = resolution.space
@@ -134,11 +140,11 @@ def analyse_plan_energy(
 
 
 def readings_from(resolution: ADCResolution, cells: CellMap) -> NDArray[np.float64]:
-    """Return the number of readings on the ideal path from every cell, in the shape of the space.
+    """Return the number of voltage readings on the ideal path from every cell to a goal, in the shape of the space.
 
-    It is infinite without a path. The ideal path steps to the neighbour of lowest voltage. Each cell before the goal
-    needs one reading of its own and one for each free or goal neighbour. `resolution`: contains the next cell of every
-    cell; `cells`: map of the chip's cells.
+    The number is infinite for a cell without a path, and 0 for a goal cell. The ideal path steps to the neighbour of
+    lowest voltage. Each cell before the goal needs one reading of its own and one for each free or goal neighbour.
+    `resolution`: gives the next cell of every cell; `cells`: map of the chip's cells.
     """
     neighbours = neighbours_of(cells)
     readings = 1.0 + (neighbours.around >= 0).sum(axis=1)

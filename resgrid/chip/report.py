@@ -1,4 +1,7 @@
-"""Sections of the report on a chip: results of the analyses, their figures with definitions, and pictures."""
+"""Sections of the report on a chip: results of the analyses, their figures with definitions, and pictures.
+
+Also the limits on the effort of the analyses, estimates of their run times, and the names of their checkpoint files.
+"""
 
 from __future__ import annotations
 
@@ -148,7 +151,10 @@ def yield_loss_section(chip: Study, effort: Effort) -> Section:
 
 
 def adc_resolution_section(chip: Study, _effort: Effort) -> Section:
-    """Return the section on the converter bits that starts need, for each boundary condition with a drive."""
+    """Return the section on the converter bits that starts need, for each boundary condition of obstacles.
+
+    The boundary condition of the scene comes first.  The other conditions follow if a source then drives the circuit.
+    """
     results = _by_boundary(chip)
     own = next(iter(results.values()))
     needed = own.bits_for(0.99)
@@ -165,9 +171,10 @@ def adc_resolution_section(chip: Study, _effort: Effort) -> Section:
 
 
 def _by_boundary(chip: Study) -> dict[str, ADCResolution]:
-    """Return the converter bits that starts need, by boundary condition, the scene's own first, with the same seed.
+    """Return the converter bits that starts need, by boundary condition, the scene's own condition first.
 
-    Keys: ``"dirichlet"``, ``"neumann"`` or ``"wall"``, without those that have no drive or no wall resistance.
+    Keys: ``"dirichlet"``, ``"neumann"`` and ``"wall"``.  A condition is left out if no source drives the circuit, and
+    ``"wall"`` also if the chip description has no wall resistance.  All circuits belong to one chip (one seed).
     """
     cells = chip.ideal.cells
     results: dict[str, ADCResolution] = {cells.wiring.boundary: chip.adc_resolution()}
@@ -321,7 +328,11 @@ def defects_section(chip: Study, effort: Effort) -> Section:
 
 
 def _worst(result: FaultAnalysis) -> str:
-    """Return a sentence on the two elements that lose most starts: one when it is open, one when it is shorted."""
+    """Return a sentence on the most harmful open and the most harmful short of a single element.
+
+    A fault is the more harmful, the more starts that reach a goal on the faultless chip do not reach one with the
+    fault.  The sentence names the nodes of both elements, and the numbers of lost starts.
+    """
     words = []
     for fault in ("open", "short"):
         worst = result.worst(fault, 1)

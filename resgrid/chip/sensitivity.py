@@ -109,8 +109,8 @@ class Sensitivity(Result):
         """Figures of merit by name, on the lowest and the second lowest reading at each cell of the path.
 
         ``smallest_margin``: smallest voltage between both, in volts; ``smallest_flip_drift``: smallest relative change
-        of one resistance that changes a step, None if none does; ``resistors_flipping_at_1_percent``: number of such
-        resistors.
+        of one resistance that changes a step, None if none does; ``resistors_flipping_at_1_percent``: number of
+        resistors of which a relative change of 1 % alone changes a step.
         """
         least = float(self.flip_drift.min(initial=np.inf))
         return {
@@ -194,9 +194,9 @@ def analyse_sensitivity(op: OperatingPoint, cells: ArrayLike) -> Sensitivity:
 def _decision(steps: Steps, cell: int) -> tuple[int, int, float, float]:
     """Return the lowest neighbour of a cell, the second lowest cell, and two numbers ``gap`` and ``scale``.
 
-    The voltage between these two cells is ``gap exp(scale)``, in volts.  Cells are given by flat indices (C order).
-    The second lowest may be the cell itself.  `steps`: voltage steps between neighbours; `cell`: flat index of the
-    cell. Raises InputError if no neighbour is lower.
+    The second lowest cell lies ``gap exp(scale)`` volts above the lowest, counted towards the obstacle rail; it may be
+    the cell itself.  Cells are given by flat indices (C order).  `steps`: voltage steps between neighbours; `cell`:
+    flat index of the cell. Raises InputError if no neighbour is lower.
     """
     first, last = np.searchsorted(steps.cell, [cell, cell + 1])
     if not np.any(steps.sign[first:last] > 0):
@@ -215,7 +215,7 @@ def _decision(steps: Steps, cell: int) -> tuple[int, int, float, float]:
 
 
 def _checked_cells(space: ConfigurationSpace, cells: ArrayLike) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return those of some cells that are not goal cells: indices (k, axes), and flat indices (k,) in C order.
+    """Return the given cells without goal cells: cell indices (k, axes), and flat indices (k,) in C order.
 
     `space`: space of the chip; `cells`: array of cell indices.  Raises InputError for obstacle cells, or if all cells
     are goal cells.
@@ -245,7 +245,7 @@ class Adjoint:
     voltage is unknown; `row` (resistors, 2): matrix rows of both ends of each resistor, -1 where the voltage is known;
     `conductance` (resistors,): small-signal conductances, in siemens; `log_amps` (resistors,): natural logarithm of the
     magnitude of the currents in amperes; `direction` (resistors,): sign of the currents from the first to the second
-    end, -1, 0 or 1; `height` (n,): ``G^-1`` times 1 A in every row, in volts.
+    end, -1, 0 or 1; `height` (n,): row voltages for 1 A into every row, plus their largest error, in volts.
     """
 
     factors: CircuitFactor | None
@@ -332,9 +332,9 @@ class Adjoint:
 
         The derivatives with respect to all resistances are then 0.  A part is a set of rows that resistors without
         current connect. The condition holds if each part with an entry of `rhs` (n,) other than 0 meets one of two
-        conditions.  Either resistors without current connect the part to a known voltage, and no resistor of its rows
-        carries a current; or at most one of its rows has resistors with a current, and its entries of `rhs` add up to
-        0.
+        conditions.  Either resistors without current connect the part to a known voltage, and no resistor at the part
+        carries a current; or at most one row of the part has resistors with a current, and the entries of `rhs` in the
+        part add up to 0.
         """
         size, resting = len(rhs), np.isneginf(self.log_amps)
         is_inner = (self.row >= 0).all(axis=1)

@@ -242,10 +242,11 @@ def _largest_difference(settled: Floats) -> float:
 def settling_bound(dynamics: Dynamics, solve: LinearMap, deviation: Floats, tau: float, band: float) -> float:
     """Return a time, in seconds, after which all unknown voltages stay within a band around their final values.
 
-    In the norms ``sqrt(y^T C y)`` and ``sqrt(y^T G y)`` every deviation ``y`` decays at least as ``exp(-t / tau)``.  A
-    voltage is at most the first norm over the root of the smallest eigenvalue of C.  That eigenvalue is at least the
-    smallest capacitance to a rail, where every row has one or lies between rows that have one.  A voltage is also at
-    most the second norm times the root of its ``(G^-1)_ii``, which is at most its ``(G^-1 1)_i``.
+    In the norms ``sqrt(y^T C y)`` and ``sqrt(y^T G y)`` every deviation ``y`` decays at least as ``exp(-t / tau)``.
+    The first norm is used if every row with a capacitance has a capacitance to a rail.  No voltage then exceeds the
+    norm over the root of the smallest capacitance to a rail, which is a lower bound of the eigenvalues of C; voltages
+    of rows without capacitance lie between the others.  Otherwise the second norm is used: voltage ``i`` is at most
+    the norm times the root of ``(G^-1)_ii``, which is at most ``(G^-1 1)_i``.
 
     `dynamics`: circuit equations ``C x' + G x = b``, one row for each unknown voltage; `solve`: function that
     multiplies a vector by ``G^-1``; `deviation` (n,): voltages at time 0 minus their final values; `tau`: slowest time
@@ -266,11 +267,13 @@ def _walk_back(
     """Find the time after which each voltage stays within a band, window by window from an upper bound back to time 0.
 
     Returns that time for every unknown voltage, shape (n,), 0 for a voltage that is always within the band; the
-    deviations at the last such time, shape (n,); and the settling curve: times, shape (t,), with the largest magnitude
-    of a deviation at each, shape (t,).  `deviation` (n,): voltages at time 0 minus their final values; `window`:
-    function from the first and last time of a window to the motion (sum of exponentials) in between; `bound`: time
-    after which all voltages lie within the band; `fastest`: shortest time constant; `band`: half width of the band, in
-    the unit of `deviation`.  All times are in seconds.
+    deviations of all voltages at the largest of these times, shape (n,); and the settling curve: times, shape (t,),
+    with the largest magnitude of a deviation at each, shape (t,).
+
+    `deviation` (n,): voltages at time 0 minus their final values; `window`: function from the first and last time of a
+    window (interval of times) to the deviations in between, as a Motion (sum of exponentials); `bound`: time after
+    which all voltages lie within the band; `fastest`: shortest time constant; `band`: half width of the band around the
+    final voltages, in the unit of `deviation`.  All times are in seconds.
     """
     from resgrid.chip.kernels import last_outside
 

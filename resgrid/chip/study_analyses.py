@@ -84,8 +84,8 @@ class Study(CircuitStudy):
         starts : array_like of bool, shape of the space, optional
             Mask of the start cells; by default every free cell with a path to a goal.
         half_width : float
-            Trials stop after the first whole batch at which half the width of the interval of the overall yield is at
-            most this.
+            Trials stop after the first whole batch after which half the width of the confidence interval of the overall
+            yield (a fraction) is at most this value.
         confidence : float
             Confidence of all intervals, between 0 and 1.
         trials : int
@@ -98,7 +98,7 @@ class Study(CircuitStudy):
             Workers that run the trials.  The result does not depend on it.
         checkpoint : path, optional
             File with one line of JSON for every finished trial, in order.  A later run with the same arguments
-            continues from it, with the same result and the same file as one that was not interrupted.
+            continues from this file, with the same result and the same file as an uninterrupted run.
         progress : callable, optional
             Called after every new batch with the number of trials, the expected number of trials, and the overall
             yield (`Proportion`).
@@ -190,9 +190,9 @@ class Study(CircuitStudy):
         Parameters
         ----------
         first, second : tuple of str and sequence, optional
-            A key of the chip description, with dots (``"readout.bits"``), and its values.  Those of `second` ascend in
-            cost (`Sweep.cheapest`).  By default `first` is the read-out's offset or ``pelgrom`` if the chip has one,
-            else the mismatch, and `second` the bits of the converter.
+            A key of the chip description, with dots (``"readout.bits"``), and its values.  List the values of `second`
+            in ascending cost (`Sweep.cheapest`).  By default `first` is the read-out's offset or ``pelgrom`` if the
+            chip has one, else the mismatch, and `second` the bits of the converter.
         trials : int
             Number of chips for each pair of values.
         confidence : float
@@ -332,13 +332,13 @@ def study(
     ----------
     source : Scene, ConfigurationSpace, Netlist or OperatingPoint
         Origin of the chip.  A scene describes the chip in its ``[chip]`` table.  A space is compiled with one node per
-        cell.  A netlist, such as that of a deck, is the ideal circuit where `chip` is given; without `chip` it is
-        studied as it is.
+        cell.  A netlist (or the netlist of an operating point) is the ideal circuit to which the effects of `chip` are
+        applied; without `chip` the netlist is studied as it is.
     chip : Chip, optional
         The chip description, in place of that of the scene.
     wiring : Wiring, optional
         Boundary conditions of a scene or a space, and the wall resistance; by default those of the scene and the chip.
-        Resistance and supply are those of the chip.
+        Resistance and supply come from the chip description instead, unless `options` contains them.
     space : ConfigurationSpace, optional
         The space of the scene, where it has been built already.
     **options

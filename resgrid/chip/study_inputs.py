@@ -1,4 +1,7 @@
-"""`StudyInputs`, base class of `Study`: the circuits and operating points that several analyses use."""
+"""`StudyInputs`, base class of `Study`: the circuits and the operating point that several analyses use.
+
+Also the decorator of the analyses, which checks their arguments.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +30,8 @@ Returned = TypeVar("Returned")
 def checked_method(method: Callable[Parameters, Returned]) -> Callable[Parameters, Returned]:
     """Return a method of `Study` that first checks the names and types of its arguments.
 
-    The returned method raises InputError for an unknown argument or a value of another type.
+    The returned method raises TypeError for an unknown option or too many positional arguments, and InputError for a
+    value of another type than annotated.
     """
     method.__qualname__ = f"Study.{method.__name__}"  # the name in Python's own messages
     call = guarded(method.__name__, method)
@@ -82,12 +86,16 @@ class StudyInputs:
 
     @property
     def bits(self) -> int:
-        """Resolution of the read-out's converter in bits; 10 for an ideal read-out."""
+        """Resolution of the read-out's converter in bits; 10 if the chip description states none."""
         return self.description.readout.bits or 10
 
     @property
     def span(self) -> float | None:
-        """Range of the converter, in volts; None without a chip description."""
+        """Width of the converter's range, in volts; None without a chip description.
+
+        The range is that of the read-out in the chip description, or from 0 V to the magnitude of the supply if the
+        description states none.
+        """
         if self.chip is None:
             return None
         low, high = self.chip.readout.range or (0.0, abs(self.chip.supply))
@@ -95,7 +103,7 @@ class StudyInputs:
 
     @property
     def temperature(self) -> float:
-        """Temperature of the die, in kelvin."""
+        """Temperature of the die, in kelvin; 300.15 K (27 degrees Celsius) if the chip description states none."""
         return die_temperature(self.description)
 
     @property

@@ -149,9 +149,10 @@ def sweep_yield(
 ) -> Sweep:
     """Estimate the yield of a chip for all pairs of values of two keys; return the yields as a Sweep.
 
-    `netlist`: ideal circuit; `chip`: chip description; `first, second`: a key of the description and its values, None
-    for the default keys and values; `trials`: number of chips for each pair; `confidence`: of the intervals, between 0
-    and 1; `executor`: workers, None for this process; `checkpoint`: file of finished trials, None for no file;
+    `netlist`: ideal circuit; `chip`: chip description; `first, second`: a key of the description and its values.  None
+    as `first` means the read-out's offset or ``pelgrom`` if the chip has one, else the mismatch; None as `second` means
+    the bits of the converter.  `trials`: number of chips for each pair; `confidence`: of the intervals, between 0 and
+    1; `executor`: workers, None for this process; `checkpoint`: file of finished trials, None for no file;
     `progress`: function called after each group of pairs that share a circuit, with the numbers of finished and of all
     trials, and the yield of the last pair.
     """
@@ -186,7 +187,8 @@ def sweep_yield(
 def _usual_sweep(chip: Chip) -> SweptKey:
     """Return the default first key of a sweep and its values.
 
-    The key is ``readout.offset`` or ``pelgrom`` if the chip description sets it, else ``mismatch``.
+    The key is ``readout.offset`` or ``pelgrom``, the first of them that the chip description sets, with multiples of
+    the value that it sets; else ``mismatch``, with fixed values from 0 to 10 %.
     """
     for key, value in (("readout.offset", chip.readout.offset), ("pelgrom", chip.with_process().pelgrom)):
         if value:

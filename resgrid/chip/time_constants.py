@@ -1,4 +1,7 @@
-"""Time constants ``tau`` of RC circuits, from ``C v = tau G v``; accurate also for weak ties to the rails.
+"""Time constants ``tau`` and modes ``v`` of RC circuits, from ``C v = tau G v``, and linear solvers for them.
+
+Results are also accurate if the connections to the rails are weak.  ``G`` is the conductance matrix, ``C`` the
+capacitance matrix.
 
 A Laplacian is ``F^T F``, where ``F`` has a row for every element: the root of its conductance (or capacitance) times
 the difference of its two voltages.  Differences are formed first, so that a weak connection of a stiff island to a rail
@@ -67,11 +70,14 @@ def laplacian_root(laplacian: Laplacian) -> sparse.csr_array:
 def accurate_solver(factors: Factor, capacitance: Laplacian) -> LinearMap:
     """Return a function from a right-hand side (n,) to a solution (n,) that is accurate enough for time constants.
 
-    The function is the normwise solver if its Elmore delays ``A^-1 C 1`` differ from those of the componentwise solver
-    by at most `_SPOILT` of the largest delay; else it is the componentwise solver. The largest Elmore delays belong to
-    the slowest parts of the circuit, where rounding errors appear first.  `factors`: factors of the matrix ``A``, which
-    is ``G`` or ``G + s C``; `capacitance`: ``C``.  Raises AccuracyError if the bound on the relative error of the
-    componentwise delays exceeds `_PROVED`.
+    Two solvers compute the delays ``A^-1 q``, an upper bound of the Elmore delays: ``q`` is the total capacitance at
+    each row, or the smallest of these at a row without capacitance.  The function is the normwise solver if its delays
+    differ from those of the componentwise solver by at most 1e-9 (`_SPOILT`) of the largest delay; else it is the
+    componentwise solver. The largest delays belong to the slowest parts of the circuit, where rounding errors appear
+    first.
+
+    `factors`: factors of the matrix ``A``, which is ``G`` or ``G + s C``; `capacitance`: ``C``.  Raises AccuracyError
+    if the bound on the relative error of the componentwise delays exceeds 1e-3 (`_PROVED`).
     """
 
     def plain(b: Floats) -> Floats:
@@ -176,7 +182,8 @@ def _star_mesh(laplacian: Laplacian) -> tuple[Floats, Floats]:
 
 
 DENSE = 200
-"""Number of rows (unknown node voltages) up to which all modes of a circuit are computed by dense linear algebra."""
+"""Largest number of rows (unknown node voltages) for which all modes of a circuit are computed by dense linear algebra.
+"""
 
 _RTOL = 1e-12
 """Relative residual of an eigenpair at which the iteration for slow modes stops, close to the rounding error."""

@@ -104,9 +104,9 @@ def reaches_goal(
 def read_out(volts: NDArray[np.float64], neighbours: Neighbours, converter: Converter, seed: Seed) -> NDArray[np.int64]:
     """Return for every cell the flat index of the face neighbour with the lowest reading, shape (cells,).
 
-    The index is -1 where no neighbour reads lower than the cell.  `volts` (nodes,): node voltages; `neighbours`: face
-    neighbours of every cell; `converter`: read-out; `seed`: seed of the chip, from which the offsets and the noise are
-    drawn.
+    The index is -1 where no neighbour reads lower than the cell, and for cells that are not free.  `volts` (nodes,):
+    node voltages; `neighbours`: face neighbours of every cell; `converter`: read-out; `seed`: seed of the chip, from
+    which the offsets and the noise are drawn.
     """
     from resgrid.chip.kernels import lowest_neighbours
 
@@ -123,7 +123,7 @@ def read_out(volts: NDArray[np.float64], neighbours: Neighbours, converter: Conv
 
 
 def walk(following: NDArray[np.int64], neighbours: Neighbours) -> NDArray[np.bool_]:
-    """Return the mask of the cells from which a walk reaches a goal, shape (cells,).
+    """Return the mask of the cells from which a walk along `following` reaches a goal, shape (cells,).
 
     `following` (cells,): flat index of the next cell, -1 where the robot is stuck; `neighbours`: gives the goal cells.
     """

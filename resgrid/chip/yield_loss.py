@@ -178,7 +178,8 @@ def analyse_yield_loss(
     """Estimate the yield without each effect of a chip, and the limits of its errors; return them as a YieldLoss.
 
     `netlist`: ideal circuit; `chip`: chip description; `target`: yield that the limits reach; `trials`: number of chips
-    for each variant of the description, None for `usual_trials`; `confidence`: of the intervals, between 0 and 1;
+    for each variant of the description, None for 16 to 400, fewer for larger spaces; `confidence`: of the intervals,
+    between 0 and 1;
     `executor`: workers, None for this process; `progress`: function called after each variant, with the number of
     finished trials, the expected number, and the yield of the variant.
     """
@@ -281,8 +282,9 @@ def paired_interval(differences: NDArray[np.float64], confidence: float) -> tupl
     """Return the lower and upper ends of the confidence interval of a mean of paired differences.
 
     It is Student's t interval.  If all ``n`` differences are 0, the ends are ``-b`` and ``b``, with ``b = 1 - (1 -
-    confidence)**(1/n)``: with this confidence, at most a fraction ``b`` of all chips differs.  With a single difference
-    other than 0, they are -1 and 1.  `differences` (trials,): numbers between -1 and 1; `confidence`: between 0 and 1.
+    confidence)**(1/n)``: with this confidence, at most a fraction ``b`` of all chips differs.  If there is only one
+    trial and its difference is not 0, the ends are -1 and 1.  `differences` (trials,): numbers between -1 and 1;
+    `confidence`: between 0 and 1.
     """
     from scipy.special import stdtrit
 

@@ -39,13 +39,13 @@ class Yield(Result):
     space : ConfigurationSpace
         The space of the chip.
     starts : ndarray of bool, shape of the space
-        Mask of the start cells: free cells with a path to a goal.
+        Mask of the start cells: the requested cells that are free and have a path to a goal, by default all such cells.
     reached : ndarray of int64, shape of the space
         Number of chips on which a robot that starts in the cell reaches a goal; 0 outside the starts.
     served : ndarray of int64, shape (trials,)
         Number of starts that reach a goal, for every chip.
     random : bool
-        Whether trials differ.  If not, a single chip was tried, and the numbers are exact.
+        Whether trials (chips) may differ.  If not, a single chip was tried, and the numbers are exact.
     confidence : float
         Confidence of all intervals, between 0 and 1.
     trials : int
@@ -161,11 +161,11 @@ def analyse_yield(
     (`resgrid.chip.monte_carlo.run_trials`); count the starts that reach a goal; stop at a narrow enough interval.
 
     `netlist`: ideal circuit; `chip`: chip description; `starts` (shape of the space): mask of the start cells, None for
-    all with a path to a goal; `half_width`: half the width of the interval of the yield (a fraction) at which trials
-    stop; `confidence`: of the intervals, between 0 and 1; `trials`: maximum number of chips; `batch`: number of chips
-    between two tests; `seed`: None for that of the chip; `executor`: workers, None for this process; `checkpoint`: file
-    of finished trials, None for no file; `progress`: function called after every batch with the number of finished
-    trials, the expected number, and their yield.
+    all with a path to a goal; `half_width`: trials stop once half the width of the yield's confidence interval (a
+    fraction) is at most this value; `confidence`: of the intervals, between 0 and 1; `trials`: maximum number of chips;
+    `batch`: number of chips between two tests of the width; `seed`: seed of the trials, None for that of the chip;
+    `executor`: workers, None for this process; `checkpoint`: file of finished trials, None for no file; `progress`:
+    function called after every batch with the number of finished trials, the expected number, and their yield.
     """
     chip = chip.with_process()
     mask = None if starts is None else checked_starts(netlist.cells.space, starts)
@@ -246,7 +246,7 @@ def _expected_trials(overall: Proportion, half_width: float, batch: int, trials:
 def overall_yield(served: NDArray[np.int64], starts: int, confidence: float, *, random: bool) -> Proportion:
     """Return the fraction of all starts that reach a goal, with an interval that treats each chip as a cluster.
 
-    `served` (trials,): number of starts of each chip that reach a goal; `starts`: number of starts on one chip;
+    `served` (trials,): number of starts that reach a goal, for each chip; `starts`: number of starts on one chip;
     `confidence`: of the interval, between 0 and 1; `random`: whether trials differ; if not, the interval has no width.
     """
     fraction = int(served.sum()) / (len(served) * starts)

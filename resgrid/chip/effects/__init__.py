@@ -1,4 +1,4 @@
-"""Effects of real devices on a chip's netlist: the list of effects, and their conversion to and from JSON.
+"""Effects of real devices on a chip's netlist: all effects by name, those of a chip description, and JSON conversion.
 
 An effect is a frozen dataclass with ``apply(netlist) -> netlist``.  `resgrid.chip.build_chip` takes a list of effects
 or a chip description.  To add an effect, write a dataclass that derives from `Effect` in a new file, and add a line to
@@ -120,6 +120,11 @@ def from_json(entries: Sequence[Mapping[str, Any]]) -> tuple[Effect, ...]:
 
 
 def _effect_of(number: int, entry: Any) -> Effect:
+    """Return the effect of one table; raise InputError if the table is not valid.
+
+    `number`: position of the table in the list, for messages; `entry`: mapping with the name of the effect under
+    ``"pass"``, and the values of its fields by name.
+    """
     if not isinstance(entry, Mapping):
         raise InputError(f"effect {number} = {entry!r} must be a table, such as {{'pass': 'mismatch', 'sigma': 0.01}}")
     name = entry.get("pass")

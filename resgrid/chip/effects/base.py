@@ -83,16 +83,16 @@ def add_nodes(netlist: Netlist, count: int) -> tuple[Netlist, NDArray[np.int32]]
 
 
 def to_node(nodes: NDArray[np.int32], end: int) -> NDArray[np.int32]:
-    """Return node pairs, shape (n, 2), that connect each of the `nodes` (n,) with the node number `end`."""
+    """Return the pairs of node numbers (node, `end`) for each of the `nodes` (n,), shape (n, 2), for new elements."""
     return np.stack([nodes, np.full(len(nodes), end, dtype=np.int32)], axis=1)
 
 
 def rail_pin(netlist: Netlist, rail: str) -> tuple[Netlist, int]:
     """Return the netlist with the supply pin of a rail, and the node number of the pin.
 
-    The pin is the node at which the supply feeds the rail.  If the rail has no pin, one is added with a voltage source.
-    With a uniform drive the pins of both rails are at the goal voltage.  `netlist`: circuit of a space; `rail`:
-    ``"obstacle"`` or ``"goal"``.
+    The pin is the node at which the supply feeds the rail.  If the rail has no pin, a node is added as the pin, with a
+    voltage source to ground at the voltage of the rail.  With a uniform drive, an added pin of the obstacle rail is at
+    the goal voltage.  `netlist`: circuit of a space; `rail`: ``"obstacle"`` or ``"goal"``.
     """
     cells = cells_with_nodes(netlist, "rails")
     wiring = cells.wiring
@@ -108,9 +108,9 @@ def rail_pin(netlist: Netlist, rail: str) -> tuple[Netlist, int]:
 
 
 def without_stranded_currents(netlist: Netlist) -> Netlist:
-    """Return the netlist without the current sources that inject into a component without a connection to ground.
+    """Return the netlist without the current sources that have an end in a part of the circuit not connected to ground.
 
-    The current of such a source has no return path.
+    The current of such a source has no return path.  Connections are resistors, nonlinear ones and voltage sources.
     """
     if not netlist.current_nodes.size:
         return netlist

@@ -23,10 +23,10 @@ from resgrid.scene.quantities import Listed, Quantity
 
 @dataclass(frozen=True)
 class Gradient(Effect):
-    """Let resistances grow linearly across the die; the centre keeps the nominal value.
+    """Let the resistances of the grid change linearly across the die; the centre keeps the nominal value.
 
     `shares` (axes,): change of the resistance from the lower to the upper end of each axis, as a fraction of the
-    nominal resistance; 0 for axes that are not listed.
+    nominal resistance; 0 for further axes of the space.
     """
 
     KEYS = {"shares": "gradient"}
@@ -53,8 +53,8 @@ class Gradient(Effect):
 def _site_centres(cells: CellMap) -> NDArray[np.float64]:
     """Return the centres of all cell faces, shape (sites, axes), as fractions of the length of the die along each axis.
 
-    The lower end of the die is 0, the upper end 1.  With a leak, the centres of the cells follow.  `cells`: map of the
-    cells, which numbers the faces.
+    The lower end of the die is 0, the upper end 1.  Faces are in the order of their numbers in `cells`: axis by axis,
+    in C order.  In a circuit with a leak, the centres of all cells follow, in C order.
     """
     shape = cells.space.shape
     parts = []
@@ -105,8 +105,8 @@ class Mismatch(Effect):
     def deviation(self, netlist: Netlist) -> float | NDArray[np.float64]:
         """Return the standard deviation of the resistance at every resistor site, as a fraction of its mean.
 
-        A site is a cell face, numbered as in `CellMap`; in a netlist without cells, a resistor.  The shape is () if all
-        sites have the same deviation, else (sites,).
+        Sites are the cell faces (axis by axis, in C order) and, with a leak, the cells after them; in a netlist without
+        cells, the resistors, linear ones first.  The shape is () if all sites have the same deviation, else (sites,).
         """
         if self.sigma is not None:
             return self.sigma
@@ -124,7 +124,11 @@ class Mismatch(Effect):
         return np.asarray(1e-8 * self.pelgrom / np.sqrt(self.width * metres))
 
     def factors(self, netlist: Netlist) -> NDArray[np.float64]:
-        """Return random factors of the resistances at all resistor sites (cell faces), with mean 1, shape (sites,)."""
+        """Return random factors of the resistances at all resistor sites, with mean 1, shape (sites,).
+
+        Sites are the cell faces (axis by axis, in C order) and, with a leak, the cells after them; in a netlist without
+        cells, the resistors, linear ones first.
+        """
         return mismatch_factors(random_sites.site_count(netlist), self.deviation(netlist), self.seed)
 
     def apply(self, netlist: Netlist) -> Netlist:
@@ -173,7 +177,8 @@ class Faults(Effect):
     def places(self, netlist: Netlist) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Return two masks, shape (sites,), of the open and of the shorted resistors of a netlist.
 
-        A site is a cell face, numbered as in `CellMap`; in a netlist without cells, a resistor.
+        Sites are the cell faces (axis by axis, in C order) and, with a leak, the cells after them; in a netlist without
+        cells, the resistors, linear ones first.
         """
         draw = generator(self.seed, DEFECTS).random(random_sites.site_count(netlist))
         opened = draw < self.open_density

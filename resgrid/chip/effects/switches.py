@@ -48,9 +48,11 @@ class InternodalSwitches(Effect):
     """Put a switch in series with every resistor between cells; switches at open obstacles are open, all others closed.
 
     `on`: resistance of a closed switch in ohms, None for a wire; `off`: resistance of an open switch in ohms, None for
-    no connection.  With open obstacles (``boundary="neumann"``), `off` gives nodes to obstacles and to cells without a
-    path to a goal.  Resistors that lead to these nodes, leaks included, keep their nominal values.  The field does not
-    include the leakage through these resistors: they are assigned to no cell face.
+    no connection.  Open obstacles are those of ``boundary="neumann"``; with other boundaries `off` has no effect.
+
+    With open obstacles and a value of `off`, obstacle cells and cells without a path to a goal get nodes.  The
+    resistors to these new nodes, leaks included, keep their nominal values, without mismatch.  These resistors are
+    assigned to no cell face, so that a field does not include the leakage current through them.
     """
 
     KEYS = {"on": "internodal_switch_on", "off": "internodal_switch_off"}
@@ -95,10 +97,10 @@ def _between_cells(netlist: Netlist, cells: CellMap) -> NDArray[np.bool_]:
 
 
 def _with_open_nodes(netlist: Netlist, on: float, off: float) -> Netlist:
-    """Return the netlist with nodes for obstacles and for cells without a path to a goal, connected by open switches.
+    """Return the netlist with new nodes for obstacles and for cells without a path to a goal, for open obstacles.
 
-    The other resistors of the grid get closed switches in series.  `on, off`: resistances of closed and of open
-    switches, in ohms.
+    A resistor in series with an open switch connects a new node to the node of each face neighbour.  The existing
+    resistors of the grid get closed switches in series.  `on, off`: resistances of closed and open switches, in ohms.
     """
     cells = netlist.cells
     netlist = _in_series(netlist, cells.resistor_face >= 0, on)

@@ -31,7 +31,7 @@ Series = Literal["E6", "E12", "E24", "E48", "E96", "E192"]
 def preferred_values(series: Series) -> NDArray[np.float64]:
     """Return the preferred values of a series (IEC 60063) from 1 to below 10, in ascending order, shape (n,).
 
-    `series`: name of the series, ``"E6"`` to ``"E192"``; the number is ``n``.
+    `series`: name of the series, ``"E6"`` to ``"E192"``; the number in the name is ``n``.
     """
     count = int(series[1:])
     if count <= len(_E24):
@@ -113,8 +113,8 @@ class SheetResistors(Effect):
 def _with_resistances(netlist: Netlist, drawn: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> Netlist:
     """Return the netlist with new resistances of the grid's linear and nonlinear resistors.
 
-    `drawn`: function from the present to the new resistances, both in ohms, of shape (k,).  The resistance of a
-    nonlinear resistor is that at 0 V.
+    `drawn`: function from the present to the new resistances, both in ohms, of shape (k,).  A nonlinear resistor gets a
+    new resistance at 0 V, and keeps its saturation voltage.
     """
     own = random_sites.on_grid(netlist)
     conductance = netlist.conductance.copy()
@@ -146,8 +146,9 @@ class TemperatureCoefficients(Effect):
 class Temperature(Effect):
     """Scale resistances to a temperature: ``R (1 + tc1 dT + tc2 dT^2)``, as in SPICE, with ``dT = celsius - 27``.
 
-    `celsius`: temperature of the die, in degrees Celsius.  The resistors of the result have no temperature
-    coefficients.
+    `celsius`: temperature of the die, in degrees Celsius; ``tc1`` and ``tc2``: temperature coefficients of the
+    netlist's resistors, in 1/K and 1/K^2, 0 where the netlist has none.  The resistors of the result have no
+    temperature coefficients.
     """
 
     celsius: Annotated[float, Gt(ABSOLUTE_ZERO), Quantity("°C")]
