@@ -330,9 +330,9 @@ def _compress(listed: EdgeList | None, size: int) -> Rows:
 def conductance_statistics(laplacian: Laplacian) -> ConductanceStatistics:
     """Return statistics of the conductances of a matrix: number, fraction of weak ones, mean and range.
 
-    The range alone includes the conductances to nodes of known voltage. Resistors are counted one by one, unless some
-    are parallel; parallel ones are summed. On a grid only resistors along a periodic axis of two cells are parallel, so
-    that other grids need no compressed rows.
+    Only `smallest` and `largest` include the conductances to nodes of known voltage. Resistors are counted one by one,
+    unless some are parallel; parallel ones are summed. On a grid only resistors along a periodic axis of two cells are
+    parallel, so that other grids need no compressed rows.
     """
     from resgrid.solvers.csr_kernels import compare_edges
 

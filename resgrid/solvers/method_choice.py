@@ -231,10 +231,10 @@ def choose_method(laplacian: Laplacian, method: str = "auto", accuracy: str = "d
     `laplacian`: the matrix; `method`: "auto", "direct" or "multigrid"; `accuracy`: "direction" for a small relative
     error of every entry, or "normwise" for a small backward error only.
 
-    Without a given method, the direct method is chosen below 2000 rows, on narrow corridors, and if conductances vary
-    so strongly from node to node that no coarse grid represents them. Between two rails it is also chosen if the
-    potential falls too far: multigrid refines about fifteen orders of magnitude at a time. The ordering is computed
-    only for the direct method; without an ordering of few entries by distance, the field `order` stays None.
+    For "auto", the direct method is chosen below 2000 rows, on narrow corridors, and if conductances vary so strongly
+    from node to node that no coarse grid represents them. Between two rails it is also chosen if the potential falls
+    too far: multigrid refines about fifteen orders of magnitude at a time. The field `order` of the result is None if
+    an order by distance would give the factors too many entries; the caller then orders by fill.
     """
     from resgrid.solvers.symbolic import order_by_distance
 

@@ -1,4 +1,4 @@
-"""Kernels that order the rows of a matrix for elimination: breadth first, and by minimum fill.
+"""Kernels that order the rows of a matrix: breadth first for fast memory access, by minimum fill for elimination.
 
 Approximate minimum fill (Rothberg & Eisenstat 1998) by approximate degrees (Amestoy, Davis & Duff 1996). The remaining
 graph is never formed but kept as a quotient graph: an eliminated row becomes an *element*, which represents the clique
@@ -30,7 +30,7 @@ _SAMPLE = 8000
 
 
 def far_fraction(indptr: Indices, indices: Indices) -> float:
-    """Return the fraction of sampled pairs of neighbours whose row numbers differ by more than a sixteenth of all rows.
+    """Return the fraction of sampled pairs of neighbours with row numbers more than a sixteenth of all rows apart.
 
     `indptr` (n + 1,), `indices` (entries,): compressed rows of the neighbours of every row.
     """
