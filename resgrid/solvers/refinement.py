@@ -296,7 +296,7 @@ def quotient(parts: list[Scaled], x: Scaled) -> float:
 
 
 def resolve_rows(laplacian: Laplacian, residual: Floats, x: Scaled, current: Numbers) -> Scaled | None:
-    """Return the voltages (n,) after a direct solution of the rows that are not converged; None for no or too many rows.
+    """Return the voltages (n,) after a direct solution of the unconverged rows; None for no or too many of these rows.
 
     The neighbourhood of these rows is solved too; all other voltages are held fixed. The right-hand side of the solved
     rows is their residual of KCL when their own voltages are set to 0.
@@ -320,9 +320,9 @@ def _around(laplacian: Laplacian, rows: NDArray[np.bool_]) -> NDArray[np.bool_] 
     """Return a mask (n,) of given rows and their neighbourhood; None if no row is given, or the mask has too many rows.
 
     `laplacian`: the matrix; `rows` (n,): mask of the given rows. The neighbourhood consists of the rows within 8 steps
-    along resistors, or within 2 steps if it then has half of the allowed rows. It grows on until it has 1/128 of all
-    rows of the matrix. Too many rows are more than 20,000 (on a two-dimensional grid 100,000), or more than a tenth of
-    all.
+    along resistors; after 2 steps or more it ends early once the mask has half of the allowed rows. Beyond, it grows on
+    until the mask has 1/128 of all rows of the matrix. Allowed are at most 20,000 rows (100,000 on a two-dimensional
+    grid), and at most a tenth of all rows.
     """
     plane = laplacian.grid is not None and laplacian.dimensions == 2
     most, edge = min(_MOST_OF_PLANE if plane else _MOST, laplacian.size // _ONE_IN), np.flatnonzero(rows)

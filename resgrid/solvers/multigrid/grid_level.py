@@ -27,7 +27,7 @@ BLOCK = 2048
 WEAK = 0.1
 """Fraction of a reference conductance below which a conductance is weak.
 
-Coarsening of a block compares a conductance with the strongest one at either end, the choice of axes to coarsen the
+Coarsening of a block compares a conductance with the strongest one at its two ends, the choice of axes to coarsen the
 mean conductance of an axis with that of the best axis, and `Level.uneven` the weakest with the strongest of a grid.
 """
 
