@@ -26,7 +26,7 @@ _STRETCH = 2_000
 
 
 _LEAST = 1e-200
-"""Smallest entry that a solution in doubles may have; with a smaller one it is computed again with scaled numbers.
+"""Smallest entry of a solution in doubles; a solution with a smaller entry is computed again with scaled numbers.
 
 The limit applies to the number itself, whatever the unit of the solution. A scaled number has an integer exponent of
 its own. In an entry above this limit, terms that underflow are negligible.
@@ -69,9 +69,8 @@ class PlaneElimination:
 
         The result is None if a pivot is not finite or at most 1e-300.  `across` (nx + 1, ny): conductances of the faces
         across the first axis, `along` (nx, ny + 1): across the second axis, 0 next to a cell without an equation; index
-        ``(i, j)`` is the lower face of cell ``(i, j)``.
-        `ground` (nx, ny): conductance to nodes of known voltage; `is_active` (nx, ny): whether a cell has an equation.
-        Conductances have any common unit.
+        ``(i, j)`` is the lower face of cell ``(i, j)``. `ground` (nx, ny): conductance to nodes of known voltage;
+        `is_active` (nx, ny): whether a cell has an equation. Conductances have any common unit.
         """
         from resgrid.solvers.elimination_kernels import eliminate, load
 

@@ -99,7 +99,7 @@ class Factor(ABC):
             Largest normwise backward error ``|rhs - A x| / (2 d |x| + |rhs|)``, between 0 and 1, with the largest
             diagonal entry ``d``. Norms are maximum norms for the direct method, Euclidean norms for multigrid.
         guess : array_like, shape (n,), optional
-            Initial solution in volts, for multigrid; 0 by default.
+            Initial solution in volts, for multigrid; 0 by default. The direct method ignores the guess.
         watch : ProgressMonitor, optional
             Records iterations and the accuracy, and can cancel the solve.
 

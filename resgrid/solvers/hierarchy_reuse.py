@@ -283,9 +283,8 @@ class WarmGrid:
         """Overwrite the equations of the finest level in the inner cells of a window.
 
         `there` (cells,): positions of these cells in flattened arrays (2, slots) of the finest level, whose row 0 holds
-        red and row 1 black cells;
-        `core`: slices of these cells, relative to the window; `laplacian, drive`: matrix on the grid of the window, and
-        currents (n,) in amperes.
+        red and row 1 black cells; `core`: slices of these cells, relative to the window; `laplacian, drive`: matrix on
+        the grid of the window, and currents (n,) in amperes.
         """
         assert laplacian.listed is not None and laplacian.grid is not None
         finest, vertex, unit = self.finest, laplacian.grid.vertex, self.hierarchy.unit

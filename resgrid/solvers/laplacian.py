@@ -29,7 +29,7 @@ A corridor is then taken to have two dimensions across, instead of one.
 """
 
 WEAK = 0.1
-"""Fraction of the strongest of all conductances at the two ends of a conductance below which the latter is weak."""
+"""A conductance is weak if it is below this fraction of the strongest of all conductances at its two ends."""
 
 _STIFF = 1e-9
 """Ratio of the smallest to the largest conductance of a matrix below which the matrix is stiff.

@@ -232,9 +232,8 @@ def imbalance(
     `matrix, current, x`: conductances, right-hand side and voltages; `out`: mantissas and exponents of the residual,
     (n,) each, on entry those of the previous residual; `exact`: whether to sum currents in double-double; `floor`:
     residual of a row, relative to ``(b + |A| |x|)_i``, up to which the row's violation is added to the sum `converged`
-    of the result; `kept`:
-    multiple of the rounding error up to which a row counts as converged if its residual on entry is 0; `threads`:
-    process slices of rows.
+    of the result; `kept`: multiple of the rounding error up to which a row counts as converged if its residual on entry
+    is 0; `threads`: process slices of rows.
     """
     from resgrid.solvers.scaled_kernels import residual
 

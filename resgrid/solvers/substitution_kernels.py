@@ -38,9 +38,9 @@ def substitute(tree: Tree, fronts: Fronts, m: Floats, e: Integers) -> None:
     `tree, fronts`: elimination tree of a plane of cells, and its factored fronts (dense matrices); `m, e` (cells,):
     mantissas and exponents of ``b``, then of ``x``; ``b`` is nonnegative, and 0 in cells without an equation.
 
-    A front is first computed in doubles with a common exponent, the largest one of its numbers.  If a result
-    among them is below 2**-300, or in back substitution above 2**700, terms may have underflowed or overflowed, and the
-    front is repeated with one exponent per number.
+    A front is first computed in doubles with a common exponent, the largest one of its numbers.  If a result among them
+    is below 2**-300, or in back substitution above 2**700, terms may have underflowed or overflowed, and the front is
+    repeated with one exponent per number.
     """
     buffer = np.empty(fronts.longest)
     for node in range(len(tree.parent)):

@@ -292,7 +292,8 @@ def list_supernodes(
     entries, and of rows of all supernodes; `first, start` (kept + 1,): receive the fields of `Supernodes`; `seen,
     branch, sibling` (kept + 1,): work arrays, for the last supernode in which a row was listed, the first child of a
     column, and the next child of the same column. All arrays are -1 on entry. The returned array of rows is filled up
-    to the end of the last supernode in `start`. The returned number is -1 if a maximum is exceeded.
+    to the end of the last supernode in `start`. The returned number is -1 if a maximum is exceeded, or if the entries
+    of the first columns already exceed about their part of the maximum.
     """
     n = kept
     rows = np.empty(10 * n, np.int32)

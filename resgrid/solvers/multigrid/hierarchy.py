@@ -325,7 +325,7 @@ class GridProblem:
         return rest, product, gamma
 
     def set_output(self, z: Singles) -> None:
-        """Set the array ``z`` (slots,) that receives the preconditioned residual of the black cells of the finest level.
+        """Set the array ``z`` (slots,) that receives the preconditioned residual of the finest level's black cells.
 
         Its unused entries at both ends are set to 0.
         """

@@ -150,11 +150,11 @@ def sweep_colour(
 ) -> None:  # fmt: skip
     """Relax the red cells of some blocks exactly, or compute the residual at the black cells.
 
-    Off-stencil couplings contribute to red cells only; `black_residual` adds those at black cells. `stencil`:
-    conductances; `colour`: RED to relax, BLACK for the residual; `b, x` (2, slots): right-hand side and solution, with
-    red cells in row 0 and black ones in row 1; `r` (slots,): receives the residual; `squares` (blocks,): receives the
-    sum of squared residuals of every block; `total` (block,): work array; `blocks`: first block, and block after the
-    last.
+    Couplings (edges that cross no face of the grid) contribute to red cells only; `black_residual` adds those at black
+    cells. `stencil`: conductances; `colour`: RED to relax, BLACK for the residual; `b, x` (2, slots): right-hand side
+    and solution, with red cells in row 0 and black ones in row 1; `r` (slots,): receives the residual; `squares`
+    (blocks,): receives the sum of squared residuals of every block; `total` (block,): work array; `blocks`: first
+    block, and block after the last.
     """
     there, margin, coupling, (first, last) = x[1 - colour], stencil.margin, 0, blocks
     while coupling < len(stencil.couplings) and stencil.off_red[coupling] < margin + first * stencil.block:

@@ -183,7 +183,7 @@ def add_couplings(level: Row, kind: int, product: Singles) -> float:
     `level`: record of the grid, whose field ``w`` holds the red values; `kind`: kind of the sweep. `ELIMINATE` adds the
     currents through couplings to the residual ``r`` of the record and updates the relaxed residual ``before``;
     `RESTRICT` adds them to the next level's right-hand side ``below_rhs``, and `RELAX` adds their relaxation to the
-    correction ``z``. Any other kind is `MULTIPLY`: they are subtracted from `product`.
+    correction ``z``. Any other kind must be `MULTIPLY`, which subtracts them from `product`.
 
     `product` (slots,): product ``w`` of the matrix with ``z`` over the black cells, for `MULTIPLY` only. The result is
     the decrease of the inner product ``z.w`` due to the couplings, for `MULTIPLY`; 0 for the other kinds.
