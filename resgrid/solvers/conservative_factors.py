@@ -34,7 +34,10 @@ def fixed(value: float) -> Fixed:
 
 
 def _inverse(value: float) -> Fixed:
-    """Return the inverse of a positive double, also if it exceeds the range of doubles."""
+    """Return the inverse of a positive double as ``(m, p)`` with the value ``m * 2**-p``, rounded to 53 bits.
+
+    The inverse may exceed the range of doubles.
+    """
     fraction, exponent = math.frexp(value)
     mantissa, places = fixed(1.0 / fraction)
     return mantissa, places + exponent

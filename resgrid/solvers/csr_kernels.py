@@ -1,4 +1,7 @@
-"""Kernels that convert conductances to compressed sparse rows (CSR) and compute residuals with them."""
+"""Kernels over the conductances of a matrix: conversion to compressed sparse rows (CSR), statistics, and residuals.
+
+The module also contains device functions for sorting and for union-find.
+"""
 
 from __future__ import annotations
 
@@ -17,10 +20,11 @@ def conductances_by_row(
 ) -> tuple[Indices, Indices, Floats]:
     """Return the conductances between rows as sorted symmetric CSR arrays: begins of rows, columns and conductances.
 
-    Parallel conductances are summed; there is no diagonal. Resistors with an end at a known voltage, or with both ends
-    in one row, are skipped. Resistors are processed in their order: a column beyond the diagonal is written at the last
-    free place of its row, a column before the diagonal at the first free one. Resistors of a grid are listed axis by
-    axis, so that their columns are then already sorted.
+    The arrays have shapes (size + 1,), (entries,) and (entries,). Parallel conductances are summed; there is no
+    diagonal. Resistors with an end at a known voltage, or with both ends in one row, are skipped. Resistors are
+    processed in their order: a column beyond the diagonal is written at the last free place of its row, a column before
+    the diagonal at the first free one. Resistors of a grid are listed axis by axis, so that their columns are then
+    already sorted.
 
     `pairs` (m, 2), `conductance` (m,): vertices at the ends of every resistor, and its conductance in siemens; `row`
     (vertices,): row of every vertex, negative for a known voltage; `size`: number of rows.
@@ -60,7 +64,7 @@ def conductances_by_row(
 
 @inner
 def sort(keys: Indices, values: Floats | Indices, begin: int, end: int) -> None:
-    """Sort ``keys[begin:end]`` in place, and permute ``values[begin:end]`` alike (Shell 1959).
+    """Sort ``keys[begin:end]`` in place, ascending, and permute ``values[begin:end]`` alike (Shell 1959).
 
     `keys` and `values` may be one array.
     """
@@ -79,7 +83,7 @@ def sort(keys: Indices, values: Floats | Indices, begin: int, end: int) -> None:
 
 @inner
 def _sum_repeats(indptr: Indices, indices: Indices, data: Floats) -> int:
-    """Sum entries of equal column in sorted CSR rows, in place; return the new number of entries.
+    """Sum the entries of equal column within every sorted CSR row, in place; return the new number of entries.
 
     `indptr` (n + 1,): begin of every row; `indices, data` (entries,): columns and conductances.  All three receive the
     result; the entries of `indices` and `data` after the new number are unused.
@@ -101,7 +105,8 @@ def _sum_repeats(indptr: Indices, indices: Indices, data: Floats) -> int:
 def find(parent: Indices, node: int) -> int:
     """Return the root of the tree of ``node`` in a union-find, and halve the path to the root.
 
-    `parent` (n,): parent of every node; the root of a tree is its smallest node.
+    `parent` (n,): parent of every node, updated. A root is its own parent, and the smallest node of its tree. Path
+    halving links every other node of the path to its grandparent.
     """
     above = parent[node]
     while above != node:
@@ -114,7 +119,10 @@ def find(parent: Indices, node: int) -> int:
 
 @inner
 def join(parent: Indices, a: int, b: int) -> None:
-    """Merge the trees of nodes ``a`` and ``b`` of a union-find; `parent` (n,): parent of every node."""
+    """Merge the trees of nodes ``a`` and ``b`` of a union-find; the smaller root becomes the root.
+
+    `parent` (n,): parent of every node, updated; a root is its own parent.
+    """
     a, b = find(parent, a), find(parent, b)
     if a != b:
         parent[max(a, b)] = min(a, b)
@@ -126,12 +134,12 @@ def compare_edges(
 ) -> tuple[int, float, float, float, int]:
     """Return number, minimum, maximum and sum of the conductances between rows in siemens, and the number of weak ones.
 
-    A conductance is weak if it is below ``weak`` times the strongest conductance at either of its rows. Without
-    conductances the minimum is infinite and the other results are 0.
+    A conductance is weak if it is below ``weak`` times the strongest of all conductances at its two rows. Parallel
+    conductances count one by one. Without conductances the minimum is infinite and the other results are 0.
 
     `pairs` (m, 2), `conductance` (m,): vertices at the ends of every resistor, and its conductance in siemens; `row`
     (vertices,): row of every vertex, negative for a known voltage; `strongest` (n,): 0 on entry, receives the largest
-    conductance at every row.
+    conductance to another row at every row, in siemens.
     """
     count, smallest, largest, total, weak_count = 0, np.inf, 0.0, 0.0, 0
     for k in range(len(pairs)):

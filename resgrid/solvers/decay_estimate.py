@@ -1,4 +1,4 @@
-"""Estimate of the orders of magnitude by which a potential falls, from the graph alone, without a solution.
+"""Estimate of the orders of magnitude by which a potential falls, from the conductances alone, without a solution.
 
 The potential is here the voltage difference to the high rail (obstacles). It is largest at the low rail (goals), and
 falls along a corridor with the distance from the goal.
@@ -81,7 +81,9 @@ def decay(
 ) -> float:
     """Return the approximate natural logarithm of the ratio by which a potential falls, without the lowest nodes.
 
-    The potential is the voltage difference to the high rail, which falls with the distance from the low rail.
+    The potential is the voltage difference to the high rail, which falls with the distance from the low rail. The
+    ratio, at least 1, is that of the largest potential, at the low rail, to the smallest one of a node that is not left
+    out.
 
     `rows`: conductances between nodes; `ends`: masks (n,) of the nodes that touch the low rail and the high rail;
     `rate`: natural logarithm of the fall per cell, times the width of a corridor in cells; `wall`: contact resistance
@@ -106,12 +108,12 @@ def decay(
 def costs_by_depth(deepest: int, rate: float, wall: float, leak: float = 0.0) -> Indices:
     """Return the cost of a step to a node, by the number of steps from the node to the high rail, shape (deepest + 1,).
 
-    The cost is the decay of the potential, in units of a factor of ``exp(1 / _PARTS)``, and at least 1. The last entry,
-    for nodes without a path to obstacles, is the decay by the leak alone, 0 without a leak. `deepest`: upper bound of
-    the number of steps; `rate`: natural logarithm of the fall per cell, times the width of a corridor in cells; `wall`:
-    contact resistance to obstacles in excess of that between nodes, divided by the latter and by twice the number of
-    dimensions across a corridor; `leak`: conductance of the leak of a node, relative to that between nodes. Along a
-    chain with leaks the potential falls by ``2 asinh(sqrt(leak) / 2)`` factors of e per step.
+    The cost is the natural logarithm of the decay of the potential in the step, times 64 (`_PARTS`), rounded down, and
+    at least 1. The last entry, for nodes without a path to obstacles, is the decay by the leak alone, 0 without a leak.
+    `deepest`: upper bound of the number of steps; `rate`: natural logarithm of the fall per cell, times the width of a
+    corridor in cells; `wall`: contact resistance to obstacles in excess of that between nodes, divided by the latter
+    and by twice the number of dimensions across a corridor; `leak`: conductance of the leak of a node, relative to that
+    between nodes. Along a chain with leaks the potential falls by ``2 asinh(sqrt(leak) / 2)`` factors of e per step.
     """
     least = _PARTS * 2.0 * np.arcsinh(0.5 * np.sqrt(leak))
     costs = np.full(deepest + 1, max(1.0, least), dtype=np.int32)

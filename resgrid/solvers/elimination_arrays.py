@@ -37,9 +37,10 @@ class Tree(NamedTuple):
 class Planes(NamedTuple):
     """Equations of a plane of cells, by rank (number in the order of elimination).
 
-    `is_active` (cells,): whether a cell has an equation; `conductance` (cells, 4): conductances to the neighbours in
-    the order of ``Tree.neighbour``, 0 without a resistor; `ground` (cells,): conductance to nodes of known voltage;
-    `is_marked` (nodes,): whether a node of the tree must be eliminated again. Conductances have any common unit.
+    `is_active` (cells,): whether a cell has an equation; `conductance` (cells, 4): conductances to the neighbours at
+    the lower and the higher index along the first axis, then along the second, 0 without a resistor; `ground` (cells,):
+    conductance to nodes of known voltage; `is_marked` (nodes,): whether a node of the tree must be eliminated again.
+    Conductances have any common unit.
     """
 
     is_active: NDArray[np.bool_]

@@ -24,7 +24,10 @@ _PANEL = 8
 """Number of columns of a front that are eliminated before the other columns are updated."""
 
 _FEW = 2
-"""Number of pivots up to which the elimination of a front skips the zeros of its columns."""
+"""Largest number of pivots for which the elimination of a front skips the zeros of its columns.
+
+The fronts of leaves of the tree skip the zeros for any number of pivots.
+"""
 
 _SMALLEST = 1e-300
 """Value above which a pivot (a sum of conductances, in their unit) is valid, because its inverse does not overflow."""
@@ -38,10 +41,11 @@ Integers = NDArray[np.int64]
 def load(tree: Tree, planes: Planes, across: Floats, along: Floats, ground: Floats, cell_is_active: Bools) -> int:
     """Store the equations of all cells, mark the nodes of the tree to be eliminated again, and return their number.
 
-    `across` (nx + 1, ny), `along` (nx, ny + 1): conductances through the faces across the first and the second axis, 0
-    next to a cell without an equation; `ground`, `cell_is_active` (nx, ny): conductance to the ground, and mask of the
-    cells with an equation.  A node is marked if the equation of one of its cells differs from the stored one, or if a
-    child is marked.
+    `tree`: elimination tree; `planes`: the stored equations and the marks of nodes, updated; `across` (nx + 1, ny),
+    `along` (nx, ny + 1): conductances through the faces across the first and the second axis, 0 next to a cell without
+    an equation; index ``(i, j)`` is the lower face of cell ``(i, j)``. `ground`, `cell_is_active` (nx, ny): conductance
+    to the ground (nodes of known voltage), and mask of the cells with an equation.  A node is marked if the equation of
+    one of its cells differs from the stored one, or if a child is marked.
     """
     own = np.empty(4)
     for i in range(ground.shape[0]):
@@ -71,7 +75,9 @@ def eliminate(tree: Tree, planes: Planes, fronts: Fronts, begin: int, end: int) 
     """Eliminate the marked nodes `begin` to ``end - 1`` of the tree; return whether all pivots are valid.
 
     Pivots are sums of conductances, never differences (Grassmann, Taksar & Heyman 1985).  A valid pivot is finite and
-    above `_SMALLEST`; the first other one ends the elimination.  Marks are removed from the eliminated nodes.
+    above `_SMALLEST`; the first invalid pivot ends the elimination.  Marks are removed from the eliminated nodes.
+    `tree`: elimination tree; `planes`: equations of the cells, and marks of the nodes; `fronts`: receives the fronts of
+    the eliminated nodes.
     """
     place, panel = np.empty(len(planes.ground), np.int32), np.empty(_PANEL * fronts.longest)
     at, weights = np.empty(fronts.longest, np.int64), np.zeros((4, _PANEL))

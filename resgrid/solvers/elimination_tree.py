@@ -19,14 +19,14 @@ from resgrid.solvers.elimination_arrays import Fronts, Planes, Tree
 from resgrid.solvers.scaled import Numbers
 
 _LEAF = 9
-"""Number of cells up to which nested dissection does not divide a rectangle of the grid."""
+"""Largest number of cells of a rectangle of the grid that nested dissection does not divide."""
 
 _STRETCH = 2_000
 """Number of nodes that one call of the elimination kernel eliminates; Ctrl-C is handled between two calls."""
 
 
 _LEAST = 1e-200
-"""Smallest entry that a solution in doubles may have; with a smaller one it is computed again with scaled numbers.
+"""Smallest entry of a solution in doubles; a solution with a smaller entry is computed again with scaled numbers.
 
 The limit applies to the number itself, whatever the unit of the solution. A scaled number has an integer exponent of
 its own. In an entry above this limit, terms that underflow are negligible.
@@ -39,7 +39,12 @@ class PlaneElimination:
     Parameters
     ----------
     shape : tuple of int
-        Numbers of cells along both axes.
+        Numbers of cells ``(nx, ny)`` along both axes.
+
+    Attributes
+    ----------
+    tree : Tree
+        Nested dissection of the plane.
     """
 
     def __init__(self, shape: tuple[int, int]) -> None:
@@ -62,10 +67,10 @@ class PlaneElimination:
     ) -> float | None:
         """Eliminate the nodes of the tree whose equations have changed; return the fraction of nodes eliminated.
 
-        The result is None if a pivot is not a positive finite double.  `across` (nx + 1, ny): conductances of the faces
-        across the first axis, `along` (nx, ny + 1): across the second axis, 0 next to a cell without an equation;
-        `ground` (nx, ny): conductance to nodes of known voltage; `is_active` (nx, ny): whether a cell has an equation.
-        Conductances have any common unit.
+        The result is None if a pivot is not finite or at most 1e-300.  `across` (nx + 1, ny): conductances of the faces
+        across the first axis, `along` (nx, ny + 1): across the second axis, 0 next to a cell without an equation; index
+        ``(i, j)`` is the lower face of cell ``(i, j)``. `ground` (nx, ny): conductance to nodes of known voltage;
+        `is_active` (nx, ny): whether a cell has an equation. Conductances have any common unit.
         """
         from resgrid.solvers.elimination_kernels import eliminate, load
 
@@ -77,7 +82,7 @@ class PlaneElimination:
         return marked / nodes
 
     def solve(self, currents: NDArray[np.float64]) -> Numbers:
-        """Return the solution ``m * 2**(256 e)`` as mantissas and exponents, (nx, ny) each.
+        """Return the solution ``m * 2**(256 e)`` of the latest equations as mantissas and exponents, (nx, ny) each.
 
         It is 0 in cells without an equation, and in the unit of the currents divided by that of the conductances.
         `currents` (nx, ny): nonnegative current into every cell, 0 in cells without an equation.

@@ -33,7 +33,10 @@ if TYPE_CHECKING:
     from resgrid.solvers.symbolic import Symbolic
 
 EXACT_ROWS = 20_000
-"""Number of rows up to which the direct method refines voltages to the nearest doubles, equal on every machine."""
+"""Largest number of rows for which the direct method refines voltages to the nearest doubles.
+
+The voltages are then equal on every machine.
+"""
 
 _REFINED_DIRECTLY, _REFINED = 1e-28, 1e-26
 """Residual of KCL at a row, relative to ``(b + |A| |x|)_i``, that counts as rounding error: direct method, multigrid.
@@ -45,7 +48,7 @@ arithmetic. The second is larger, since multigrid iterates for every digit.
 """
 
 _ROUNDINGS = 16.0 * np.finfo(np.float64).eps
-"""Bound on the relative error of an entry of a direct solution, per row of the matrix.
+"""Bound on the relative error of an entry of a direct solution, divided by the number of rows of the matrix.
 
 The error is due to rounding in subtraction-free factors and substitution.
 """
@@ -96,7 +99,7 @@ class Factor(ABC):
             Largest normwise backward error ``|rhs - A x| / (2 d |x| + |rhs|)``, between 0 and 1, with the largest
             diagonal entry ``d``. Norms are maximum norms for the direct method, Euclidean norms for multigrid.
         guess : array_like, shape (n,), optional
-            Initial solution in volts, for multigrid; 0 by default.
+            Initial solution in volts, for multigrid; 0 by default. The direct method ignores the guess.
         watch : ProgressMonitor, optional
             Records iterations and the accuracy, and can cancel the solve.
 
@@ -247,7 +250,8 @@ class DirectFactor(Factor):
         Numbers have separate exponents. The returned record contains the solution in volts, its componentwise backward
         error and a bound on the relative error.
 
-        `rhs` (n,): nonnegative right-hand side in amperes; `watch`: ignored.
+        `rhs` (n,): nonnegative right-hand side in amperes; `watch`: ignored. Matrices of at most 20,000 rows are
+        refined to the nearest doubles.
         """
         del watch
         factors, exact = self.factors, self.laplacian.size <= EXACT_ROWS
@@ -262,7 +266,7 @@ class DirectFactor(Factor):
         )
 
     def substitution_bound(self) -> float:
-        """Return a bound on the relative error of entries after a substitution; infinite if factors may underflow.
+        """Return a bound on the relative error of entries after a substitution; infinite if products may underflow.
 
         The bound holds for nonnegative right-hand sides.
         """

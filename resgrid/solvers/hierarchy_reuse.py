@@ -41,7 +41,9 @@ The equations are divided by the nominal unit times the median ratio of these co
 """
 
 _LEFT = 16 * ROUNDING
-"""Limit on the residual norm of a chip's solution, relative to the largest diagonal entry times the norm ``|x|``.
+"""Limit on the residual norm of a chip's solution, as a fraction of the norm ``|x|`` times a diagonal entry.
+
+The entry is the largest diagonal entry of the nominal chip's matrix.
 
 The limit is the size of rounding errors; a solution below it is accepted even if the residual exceeds the tolerance.
 """
@@ -60,7 +62,9 @@ tolerance times that magnitude.
 """
 
 _EVEN = 1e4
-"""Largest ratio between the conductance sums of rows for which a warm start may stop at an estimate of the error.
+"""Largest ratio of diagonal entries of the matrix for which a warm start may stop at an estimate of the error.
+
+The ratio is that of the largest to the smallest sum of the conductances at a black cell of the grid.
 
 The estimate uses the step lengths of the iteration. With a larger ratio the error at weak conductances may be hidden,
 and only the residual ends the iteration.
@@ -82,6 +86,9 @@ Chips = Iterable[tuple[Laplacian, Floats]]
 ChipSolver = Callable[[Chips, float], Iterator[Floats | None]]
 """Function of chips and a relative tolerance: yields the solution (n,) of every chip in volts, None where it is
 inaccurate.
+
+The tolerance limits either the residual norm, relative to the norm of the currents (`solver_by_levels`), or the error
+of a voltage, relative to the largest one (`solve_in_order`).
 """
 
 
@@ -165,9 +172,9 @@ class WarmGrid:
 
     `hierarchy`: multigrid levels of a grid of two colours, all of whose rows are cells; `finest`: finest level of the
     hierarchy, into which changes are written; `lattice`: memory layout of the finest level; `slot`, of the grid's
-    shape: position of every cell, 0 for none; `flat`: whether the correction of the solution outside a changed window
-    is a multiple of a constant (a single rail) or of ``1 - x`` (two rails); `b, x` (2, slots): right-hand side in
-    amperes divided by ``hierarchy.unit`` (siemens), and solution in volts.
+    shape: position of every cell, 0 for none; `flat`: whether there is a single rail, so that the solution outside a
+    changed window is corrected by a constant; with two rails it is corrected by a multiple of ``1 - x``; `b, x` (2,
+    slots): right-hand side in amperes divided by ``hierarchy.unit`` (siemens), and solution in volts.
     """
 
     hierarchy: Hierarchy
@@ -196,7 +203,7 @@ class WarmGrid:
         return cls(hierarchy, hierarchy.grid, lattice, slot, flat, b, x)
 
     def solve(self, rtol: float, watch: ProgressMonitor) -> None:
-        """Iterate from the latest solution to a normwise backward error.
+        """Iterate from the latest solution ``x`` to a normwise backward error, and store the new solution in ``x``.
 
         Parameters
         ----------
@@ -238,8 +245,9 @@ class WarmGrid:
         `box`: slices of the cells in the grid; `core`: slices, relative to the box, of the cells without neighbours
         outside the box; only their equations are replaced. `laplacian`: matrix on the grid of the box, its rows in C
         order; `drive` (n,): current into every row of this matrix, in amperes; `solve`: whether to solve the new
-        equations (otherwise only new cells, whose value is still 0, are updated, by one Jacobi step); `follow`: whether
-        to correct the solution outside the box too.
+        equations in the core, with the voltages around it held fixed (otherwise only new cells, whose value is still 0,
+        are updated, by one Jacobi step); `follow`: whether to correct the solution outside the core, too, by a multiple
+        of one vector; ignored unless `solve`.
         """
         assert laplacian.grid is not None
         vertex, x = laplacian.grid.vertex, self.x.ravel()
@@ -274,9 +282,9 @@ class WarmGrid:
     def _write(self, there: Indices, core: Box, laplacian: Laplacian, drive: Floats) -> None:
         """Overwrite the equations of the finest level in the inner cells of a window.
 
-        `there` (cells,): positions of these cells in flattened arrays (2, slots) of the finest level, red cells first;
-        `core`: slices of these cells, relative to the window; `laplacian, drive`: matrix on the grid of the window, and
-        currents (n,) in amperes.
+        `there` (cells,): positions of these cells in flattened arrays (2, slots) of the finest level, whose row 0 holds
+        red and row 1 black cells; `core`: slices of these cells, relative to the window; `laplacian, drive`: matrix on
+        the grid of the window, and currents (n,) in amperes.
         """
         assert laplacian.listed is not None and laplacian.grid is not None
         finest, vertex, unit = self.finest, laplacian.grid.vertex, self.hierarchy.unit

@@ -1,6 +1,7 @@
 """The type `Laplacian`, the matrix of all solvers: conductances between rows, and to nodes of known voltage.
 
-The module also computes the statistics from which a solution method is chosen.
+The module also contains the types of its parts (edges, compressed rows, grid, rails), and computes the statistics of
+the conductances from which a solution method is chosen.
 """
 
 from __future__ import annotations
@@ -22,13 +23,19 @@ MOST_NUMBERED = 2**31 - 1
 """Largest number of rows or matrix entries that 32-bit indices can number; beyond it BudgetError is raised."""
 
 VOLUME = 4.2
-"""Mean number of neighbours of a row above which a corridor is taken to have two dimensions across, instead of one."""
+"""Mean number of neighbours of a row above which a matrix counts as a volume.
+
+A corridor is then taken to have two dimensions across, instead of one.
+"""
 
 WEAK = 0.1
-"""A conductance is weak if it is below this fraction of the strongest conductance at either of its ends."""
+"""A conductance is weak if it is below this fraction of the strongest of all conductances at its two ends."""
 
 _STIFF = 1e-9
-"""Ratio of the smallest to the largest conductance; below it, errors of large currents may exceed small currents."""
+"""Ratio of the smallest to the largest conductance of a matrix below which the matrix is stiff.
+
+Errors of large currents may then exceed small currents.
+"""
 
 
 class EdgeList(NamedTuple):
@@ -48,7 +55,7 @@ class Rows(NamedTuple):
     """Compressed rows (CSR) of the symmetric conductances between rows, without a diagonal, as arguments of kernels.
 
     `indptr` (n + 1,): begin of every row; `indices, data` (entries,): columns, sorted in every row, and conductances in
-    siemens. The class does not import scipy.
+    siemens. Only the property `array` imports scipy.
     """
 
     indptr: Indices
@@ -81,10 +88,11 @@ class Rows(NamedTuple):
 
 
 class Graph(NamedTuple):
-    """A graph as argument of kernels: conductances by rows, with unsorted columns, and leaks to nodes of known voltage.
+    """A graph as argument of kernels: conductances in compressed rows, and leaks to nodes of known voltage.
 
-    `indptr` (n + 1,): begin of every row; `indices, conductance` (entries,): columns and conductances; `leak` (n,):
-    conductance of every row to nodes of known voltage. Conductances are in siemens, or divided by a unit in siemens.
+    `indptr` (n + 1,): begin of every row; `indices, conductance` (entries,): columns, in any order within a row, and
+    conductances; `leak` (n,): conductance of every row to nodes of known voltage. Conductances are in siemens, or
+    divided by a unit in siemens.
     """
 
     indptr: Indices
@@ -100,7 +108,7 @@ class Graph(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """Positions of the vertices of a graph in a grid.
+    """Positions of the vertices of a graph in a grid, and the periodic axes of the grid.
 
     `vertex`, of the grid's shape: index of the vertex in every cell, -1 for none; `periodic` (ndim,): whether the last
     cell of each axis is a neighbour of the first.
@@ -133,8 +141,9 @@ class Rails:
 
     `high, low`: voltages of the rails, in volts; obstacles (or the driven start cell) are at `high`, goals at `low`;
     `size`: number of rows of the matrix; `row, conductance, at_high` (ties,): the row of each tie, its conductance in
-    siemens, and whether it leads to the high rail. A row may have several ties; `leak`: conductance of the tie to the
-    high rail that every row has, in siemens, 0 if some rows have none. These ties are among the listed ones.
+    siemens, and whether the tie leads to the high rail. A row may have several ties; `leak`: conductance, in siemens,
+    of the leak, a tie to the high rail that every row has; 0 if some rows have no leak. Leaks are listed among the
+    ties.
     """
 
     high: float
@@ -165,9 +174,10 @@ class ConductanceStatistics:
     """Statistics of the conductances between rows of a matrix.
 
     `entries`: number of off-diagonal entries, twice the number of conductances; `weak`: fraction of conductances that
-    are below `WEAK` times the strongest one at either end; `mean`: mean conductance in siemens, 0 without conductances;
-    `decades`: decimal logarithm of the ratio of the largest to the smallest conductance between rows, 0 without
-    conductances; `smallest, largest`: range of all conductances, those to nodes of known voltage included, in siemens.
+    are below a tenth (`WEAK`) of the strongest conductance at their two ends; `mean`: mean conductance in siemens, 0
+    without conductances; `decades`: decimal logarithm of the ratio of the largest to the smallest conductance between
+    rows, 0 without conductances; `smallest, largest`: range of all conductances, those to nodes of known voltage
+    included, in siemens.
     """
 
     entries: int
@@ -179,7 +189,10 @@ class ConductanceStatistics:
 
     @property
     def is_stiff(self) -> bool:
-        """Whether errors of currents in large conductances may exceed currents in small ones."""
+        """Whether errors of currents in large conductances may exceed currents in small ones.
+
+        This is assumed if the smallest conductance is below 1e-9 times the largest.
+        """
         return self.smallest < _STIFF * self.largest
 
 
@@ -191,10 +204,11 @@ class Laplacian:
     has a row with a positive ground conductance.
 
     `ground` (n,): conductance ``g_i`` from every row to nodes of known voltage, in siemens; `listed, compressed`: the
-    edges ``g_ij`` as a list, as compressed rows, or both; None for an absent form; `grid`: positions in a grid of the
-    vertices of `listed` (without it, of the rows), None for other graphs; `dimensions`: number of dimensions of the
-    grid, 2 for other graphs; `rails`: ties that make up `ground` if there are exactly two rails and no current sources,
-    else None.
+    edges ``g_ij`` as a list, as compressed rows, or both; None for an absent form. Edges of `listed` join vertices, the
+    nodes of a circuit; a vertex of known voltage has no row, and several vertices may share a row. `grid`: position in
+    a grid of every vertex of `listed`, or of every row if `listed` is None; None for other graphs; `dimensions`: number
+    of dimensions of the grid, 2 for other graphs; `rails`: the two supply voltages, and the single conductances from
+    rows to each of them, whose sums are `ground`; None unless there are exactly two rails and no current sources.
     """
 
     ground: Floats
@@ -314,10 +328,11 @@ def _compress(listed: EdgeList | None, size: int) -> Rows:
 
 
 def conductance_statistics(laplacian: Laplacian) -> ConductanceStatistics:
-    """Return statistics of the conductances between rows of a matrix.
+    """Return statistics of the conductances of a matrix: number, fraction of weak ones, mean and range.
 
-    Resistors are counted one by one, unless some are parallel; parallel ones are summed. On a grid only resistors along
-    a periodic axis of two cells are parallel, so that other grids need no compressed rows.
+    Only `smallest` and `largest` include the conductances to nodes of known voltage. Resistors are counted one by one,
+    unless some are parallel; parallel ones are summed. On a grid only resistors along a periodic axis of two cells are
+    parallel, so that other grids need no compressed rows.
     """
     from resgrid.solvers.csr_kernels import compare_edges
 

@@ -1,4 +1,4 @@
-"""LLVM instructions that numba lacks, for kernels: atomic operations, subnormal numbers, arrays by address.
+"""LLVM instructions that numba lacks, for kernels: arrays by address, prefetch, subnormal numbers, work sharing.
 
 Array views of memory addresses: the owner of a table of addresses must keep the arrays alive.
 
@@ -58,9 +58,9 @@ def _generate_view(context: Any, builder: Any, signature: Any, arguments: Any) -
 
 
 def _view(number: Any) -> Any:
-    """Return an intrinsic of an address and a count that views the memory as an array.
+    """Return an intrinsic of an address and a count that views the memory as a one-dimensional array.
 
-    `number`: numba's type of an entry.
+    The array has the shape (count,). `number`: numba's type of an entry.
     """
 
     def viewing(_typing: Any, _address: Any, _count: Any) -> Any:
@@ -142,8 +142,9 @@ def restore_subnormals(before: np.uint32) -> None:
 _LEFT, _DONE, KIND, LEVEL, VISIT, _OVER = 0, 8, 16, 17, 18, 24
 """Indices into the int64 array that threads share: unclaimed slabs, finished slabs, kind, level and visit, end flag.
 
-A job is one sweep over a multigrid level: `KIND` of the sweep (a constant of `multigrid.sweeps`), index of the `LEVEL`,
-and `VISIT`, the number of times that the cycle has returned to this level from the next one.
+A slab is a part of a grid that one thread sweeps over. A job is one sweep over a multigrid level: `KIND` of the sweep
+(a constant of `multigrid.sweeps`), index of the `LEVEL`, and `VISIT`, the number of times that the cycle has returned
+to this level from the next one.
 """
 
 PLACES = 32
@@ -207,7 +208,8 @@ def announce(state: Integers, kind: int, level: int, visit: int, parts: int) -> 
 def claim(state: Integers) -> int:
     """Claim a slab of the present sweep.
 
-    Return the number of the slab, counted downwards to 0, negative if none is left.
+    A slab is a part of a grid. Return the number of the slab; numbers are claimed downwards to 0. The result is
+    negative if no slab is left.
 
     `state` (PLACES,): array that the threads share.
     """

@@ -1,4 +1,4 @@
-"""Choose the direct or the multigrid method for a Laplacian by their estimated costs.
+"""Choose the direct or the multigrid method for a Laplacian by their estimated costs, and factor the Laplacian.
 
 Costs are seconds on one core of the computer on which ``benchmarks/choice.py`` measured both methods on planes,
 volumes, mazes and netlists. That benchmark also measures the loss of the choice against the best method. Only ratios of
@@ -26,19 +26,19 @@ METHODS = ("direct", "multigrid")
 class Seconds(NamedTuple):
     """Measured costs of the methods, in seconds per row of the matrix unless stated otherwise.
 
-    Pairs are for planes and for volumes. Corridors are tortuous if they are narrower than `OPEN_WIDTH` cells, sparse
-    below `SPARSE_WIDTH`. Solutions have the accuracy "direction" (a small relative error of every entry) unless stated
-    otherwise.
+    Pairs are for planes and for volumes (three or more dimensions). A grid is tortuous if its corridors are narrower
+    than 20 cells on average, and open otherwise; a graph is sparse below 2.5 cells. Solutions have the accuracy
+    "direction" (a small relative error of every entry) unless stated otherwise.
 
     `corridor, across`: direct solution along corridors of width ``w`` cells, ``corridor + across * w**2``; `row`:
-    direct solution, without the time for entries of the factors; `exact_row`: `row` if voltages are refined to the
-    nearest doubles; `entry, product`: seconds per entry of the factors, and per multiplication of the factorization;
-    `order`: ordering by minimum fill; `levels`: setup of multigrid, in seconds per solve; `open, tortuous`: multigrid
-    solution on an open and on a tortuous grid between two rails; `decade`: increase of `open` and `tortuous` per order
-    of magnitude by which the potential falls; `driven, driven_tortuous, driven_sparse, driven_netlist`: multigrid
-    solution with a single rail and current sources, on open grids, tortuous grids, sparse graphs and netlists other
-    than grids; `netlist, netlist_decade`: multigrid solution between two rails on a netlist other than a grid, and
-    increase per order of magnitude; `normwise`: multigrid solution of normwise accuracy.
+    direct solution, without the time for entries of the factors; `exact_row`: value that replaces `row` if voltages are
+    refined to the nearest doubles; `entry, product`: seconds per entry of the factors, and per multiplication of the
+    factorization; `order`: ordering by minimum fill; `levels`: setup of multigrid, in seconds per solve; `open,
+    tortuous`: multigrid solution on an open and on a tortuous grid between two rails; `decade`: increase of `open` and
+    `tortuous` per order of magnitude by which the potential falls; `driven, driven_tortuous, driven_sparse,
+    driven_netlist`: multigrid solution with a single rail and current sources, on open grids, tortuous grids, sparse
+    graphs and netlists other than grids; `netlist, netlist_decade`: multigrid solution between two rails on a netlist
+    other than a grid, and increase per order of magnitude; `normwise`: multigrid solution of normwise accuracy.
     """
 
     corridor: tuple[float, float] = (0.5e-6, 0.7e-6)
@@ -64,21 +64,26 @@ class Seconds(NamedTuple):
 SECONDS = Seconds()
 
 OPEN_WIDTH = 20.0
-"""Width of corridors, in cells, from which multigrid converges as fast as in open space."""
+"""Smallest mean width of corridors, in cells, for which multigrid converges as fast as in open space.
+
+A corridor is a strip of nodes between obstacles or borders of the grid.
+"""
 
 SPARSE_WIDTH = 2.5
-"""Width of corridors, in cells, below which multigrid takes longest.
+"""Mean width of corridors, in cells, below which multigrid takes longest.
 
-Such graphs are chains and trees, whose rows have at most three neighbours.
+A corridor is a strip of nodes between obstacles or borders of the grid. Below this width a graph consists of chains and
+trees: on a plane, rows have fewer than 3.2 neighbours on average.
 """
 
 
 class MethodChoice(NamedTuple):
     """The chosen method, with the statistics and the ordering computed while choosing.
 
-    `laplacian`: the matrix, with compressed rows if these were needed; `accuracy`: "direction" for a small relative
-    error of every entry, or "normwise"; `statistics`: statistics of the conductances; `method`: "direct" or
-    "multigrid"; `order`: elimination order of the direct method, None if it is still to be computed (or for multigrid).
+    `laplacian`: the matrix, with compressed rows if the method or the choice needs them; `accuracy`: "direction" for a
+    small relative error of every entry, or "normwise"; `statistics`: statistics of the conductances; `method`: "direct"
+    or "multigrid"; `order`: elimination order of the direct method, None if it is still to be computed (or for
+    multigrid).
     """
 
     laplacian: Laplacian
@@ -91,11 +96,11 @@ class MethodChoice(NamedTuple):
     def memory(self) -> float:
         """Estimated peak memory in addition to the netlist, in bytes.
 
-        Direct method: the number of entries of the factors is known with an elimination order. Otherwise it is about
-        ``n log n`` for ``n`` rows on planes, ``n**(4/3)`` in three dimensions, ``n**(3/2)`` in four (George & Liu
-        1981), with constants measured on open grids, which have the most fill. Multigrid: the memory per row and per
-        matrix entry is a tenth above the measured one, on grids (without compressed rows) and on other netlists; the
-        accuracy "direction" also needs compressed rows and numbers with separate exponents.
+        Direct method: the number of entries of the factors is known with an elimination order. Otherwise this number is
+        about ``n log n`` for ``n`` rows on planes, ``n**(4/3)`` in three dimensions, ``n**(3/2)`` in four (George & Liu
+        1981), with constants measured on open grids, which have the most fill. Multigrid: the assumed memory per row
+        and per matrix entry is a tenth above the measured one; grids, which need no compressed rows, and other netlists
+        have separate values. The accuracy "direction" also needs compressed rows and numbers with separate exponents.
         """
         laplacian, order, n = self.laplacian, self.order, self.laplacian.size
         if self.method == "multigrid":
@@ -115,27 +120,33 @@ _SMALL = 2000
 """Number of rows below which ``"auto"`` chooses the direct method without an estimate, since it is always faster."""
 
 _ROUGH, _ROUGH_VOLUME = 0.25, 0.5
-"""Largest fraction of weak conductances for which multigrid is considered, in planes and in volumes.
+"""Largest fraction of weak conductances, among all between rows, for which multigrid is considered: planes, volumes.
 
-With more weak conductances multigrid needs too many cycles. The limit of volumes is higher, since their direct factors
-cost more.
+A conductance is weak below a tenth of the strongest conductance at its two ends (`laplacian.WEAK`). A matrix with more
+than 4.2 neighbours per row counts as a volume. With more weak conductances multigrid needs too many cycles. The limit
+of volumes is higher, since their direct factors cost more.
 """
 
 _EVEN, _CONTRAST = 3.0, 0.4
 """Effect of the range of conductances on the time of multigrid on planes.
 
-A range of up to `_EVEN` orders of magnitude costs no time; each further one multiplies the time by ``10**_CONTRAST``.
+The range is the ratio of the largest to the smallest conductance between rows. A range of up to `_EVEN` orders of
+magnitude costs no time; each further order multiplies the time by ``10**_CONTRAST``.
 """
 
 _LEAST_DECADES, _MOST_DECADES = 30.0, 250.0
 """Smallest and largest fall of the potential, in orders of magnitude, in the comparison of the methods.
 
-The first is assumed for the first comparison, before the fall is estimated. Beyond the second, iterative refinement by
-multigrid takes too long, and the direct method is used.
+The potential is the voltage difference to the high rail. The first value is assumed for the first comparison, before
+the fall is estimated. Beyond the second value, iterative refinement by multigrid takes too long: the direct method is
+used without a comparison of times, unless elimination by distance was expected to be faster and proved to be slower.
 """
 
 _ON_LEAKS = 40.0
-"""Additional memory for a leak of every node, in bytes per node, measured on planes."""
+"""Additional memory of multigrid if every node has a leak, in bytes per node, measured on planes.
+
+A leak is a conductance from a node to the high rail.
+"""
 
 _ON_LEVELS = 0.5e6
 """Memory of multigrid that does not depend on the number of rows, in bytes."""
@@ -145,7 +156,7 @@ _ON_ROWS = 500.0
 
 
 THREADED_ROWS = {2: 250_000, 3: 500_000}
-"""Number of rows of a grid, by dimension, from which the multigrid method uses several threads.
+"""Smallest number of rows of a grid, by number of dimensions, for which the multigrid method uses several threads.
 
 Speed of two threads relative to one (``benchmarks/results.md``, unloaded computer): planes 1.2 to 1.3 at 1024^2, 1.4 at
 512^2 with two right-hand sides; volumes 0.92 at 64^3.  Alternating runs on a loaded computer, minimum of all runs:
@@ -220,9 +231,10 @@ def choose_method(laplacian: Laplacian, method: str = "auto", accuracy: str = "d
     `laplacian`: the matrix; `method`: "auto", "direct" or "multigrid"; `accuracy`: "direction" for a small relative
     error of every entry, or "normwise" for a small backward error only.
 
-    The direct method is chosen for small or narrow matrices, and if conductances vary so strongly from node to node
-    that no coarse grid represents them. Between two rails it is also chosen if the potential falls too far: multigrid
-    refines about fifteen orders of magnitude at a time.
+    For "auto", the direct method is chosen below 2000 rows, on narrow corridors, and if conductances vary so strongly
+    from node to node that no coarse grid represents them. Between two rails it is also chosen if the potential falls
+    too far: multigrid refines about fifteen orders of magnitude at a time. The field `order` of the result is None if
+    an order by distance would give the factors too many entries; the caller then orders by fill.
     """
     from resgrid.solvers.symbolic import order_by_distance
 
@@ -260,7 +272,8 @@ class Corridors(NamedTuple):
 def _corridors_of(laplacian: Laplacian, statistics: ConductanceStatistics) -> Corridors:
     """Return the width of corridors, the seconds of elimination along them, and the effect of unequal conductances.
 
-    These quantities are estimated from the statistics of the conductances and the dimensions of the grid alone.
+    These quantities are estimated from the `statistics` of the conductances of the matrix and the dimensions of its
+    grid alone.
     """
     n, dimensions = laplacian.size, laplacian.dimensions
     volume, missing = dimensions > 2, 2.0 * dimensions - statistics.entries / n
@@ -274,9 +287,11 @@ def _corridors_of(laplacian: Laplacian, statistics: ConductanceStatistics) -> Co
 def _faster_for_directions(iterative: MethodChoice, corridors: Corridors) -> MethodChoice | None:
     """Return the faster method for the accuracy "direction"; None if the potential falls too far for multigrid.
 
-    After None the caller uses the direct method. `iterative`: the choice of multigrid; `corridors`: quantities that
-    determine the costs. The fall of the potential is estimated unless elimination by distance from the ground, farthest
-    rows first, is faster even for the smallest fall.
+    Too far is more than 250 orders of magnitude. After None the caller uses the direct method. `iterative`: the choice
+    of multigrid; `corridors`: quantities that determine the costs. The fall of the potential is estimated unless
+    elimination by distance from the ground (the known voltages), farthest rows first, is faster even for a fall by 30
+    orders of magnitude. Too far a fall is ignored if this elimination was expected to be faster and proved to be
+    slower.
     """
     from resgrid.solvers.decay_estimate import estimate_decades
 
@@ -299,8 +314,8 @@ def _faster_for_voltages(iterative: MethodChoice, corridors: Corridors) -> Metho
     """Return the faster method for normwise accuracy.
 
     `iterative`: the choice of multigrid; `corridors`: quantities that determine the costs. The direct method can be
-    faster in two cases: elimination by distance from the ground along corridors narrower than `SPARSE_WIDTH` (chains
-    and trees), and elimination by minimum fill on planes whose conductances span many orders of magnitude.
+    faster in two cases: elimination by distance from the ground along corridors narrower than 2.5 cells (chains and
+    trees), and elimination by minimum fill on planes whose conductances span many orders of magnitude.
     """
     seconds = corridors.contrast * multigrid_seconds(iterative.laplacian, corridors.width, None)
     if corridors.width < SPARSE_WIDTH or corridors.contrast > 1.0:
@@ -312,9 +327,10 @@ def _faster_for_voltages(iterative: MethodChoice, corridors: Corridors) -> Metho
 
 
 def _by_distance(iterative: MethodChoice, seconds: float) -> MethodChoice | None:
-    """Return the direct method with elimination by distance from the ground; None if it is not faster.
+    """Return the direct method with elimination by distance from the ground; None if this method is not faster.
 
-    `iterative`: the choice of multigrid for the matrix; `seconds`: estimated time of multigrid.
+    Rows farthest from the ground (the nodes of known voltage) are eliminated first. `iterative`: the choice of
+    multigrid for the matrix; `seconds`: estimated time of multigrid.
     """
     from resgrid.solvers.symbolic import order_by_distance
 
@@ -324,7 +340,7 @@ def _by_distance(iterative: MethodChoice, seconds: float) -> MethodChoice | None
 
 
 def _by_fill(iterative: MethodChoice, seconds: float) -> MethodChoice | None:
-    """Return the direct method with elimination by minimum fill, or None if it is not faster, the ordering included.
+    """Return the direct method with elimination by minimum fill; None if ordering and solution together are not faster.
 
     `iterative`: the choice of multigrid for the matrix; `seconds`: estimated time of multigrid.
     """

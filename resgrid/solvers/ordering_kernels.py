@@ -1,4 +1,4 @@
-"""Kernels that order the rows of a matrix for elimination: breadth first, and by minimum fill.
+"""Kernels that order the rows of a matrix: breadth first for fast memory access, by minimum fill for elimination.
 
 Approximate minimum fill (Rothberg & Eisenstat 1998) by approximate degrees (Amestoy, Davis & Duff 1996). The remaining
 graph is never formed but kept as a quotient graph: an eliminated row becomes an *element*, which represents the clique
@@ -30,7 +30,7 @@ _SAMPLE = 8000
 
 
 def far_fraction(indptr: Indices, indices: Indices) -> float:
-    """Return the fraction of sampled pairs of neighbours whose row numbers differ by more than a sixteenth of all rows.
+    """Return the fraction of sampled pairs of neighbours with row numbers more than a sixteenth of all rows apart.
 
     `indptr` (n + 1,), `indices` (entries,): compressed rows of the neighbours of every row.
     """
@@ -85,10 +85,11 @@ class Quotient(NamedTuple):
 
     `near` (entries,): neighbours of row ``i`` from index `start[i]` on: first `elements[i]` elements, then rows,
     `length[i]` neighbours altogether; `first, last` (n,): begin and end of an element's members in the list of all
-    members; `degree` (n,): number of members of an element; for a remaining row, twice the square root of its
-    approximate fill; `outside` (n,): number of an element's members that are not members of the newest element; `stamp`
-    (n,): elimination step in which `outside` was last computed; `head` (n,): first row of the list of each degree, -1
-    for an empty list; `after, before` (n,): successor and predecessor of a row in its list, -1 at the ends.
+    members; `degree` (n,): number of members of an element; for a remaining row, ``2 sqrt(2 f)`` rounded down, for an
+    approximate fill of ``f`` entries below the diagonal (at the start, the number of neighbours); `outside` (n,):
+    number of an element's members that are not members of the newest element; `stamp` (n,): elimination step in which
+    `outside` was last computed; `head` (n,): first row of the list of each degree, -1 for an empty list; `after,
+    before` (n,): successor and predecessor of a row in its list, -1 at the ends.
     """
 
     start: Indices

@@ -202,7 +202,7 @@ def _run(command: list[str], petsc: Petsc, log: Path) -> int:
     """Run the launcher, end it on Ctrl-C, and return its exit status.
 
     `command`: words of the command; `petsc`: provides the environment variables of the ranks; `log`: file that receives
-    the output.
+    the output. Raises ToolMissingError if the launcher cannot be started.
     """
     with log.open("wb") as out:
         try:
@@ -256,7 +256,8 @@ def _end(process: subprocess.Popen[bytes]) -> None:
 def _last_words(log: str) -> str:
     """Return up to three lines of a log that report errors, joined to one line; without such lines the last three.
 
-    `log`: text of the log. A line reports an error if it contains "Error", "signal" or "exited".
+    `log`: text of the log. A line reports an error if it contains "Error", "signal" or "exited". For an empty log the
+    result is "its log is empty".
     """
     lines = [line.strip() for line in log.splitlines()]
     telling = [line for line in lines if "Error" in line or "signal" in line or "exited" in line]

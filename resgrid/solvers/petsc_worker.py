@@ -141,10 +141,10 @@ def configured(petsc: Any, matrix: Any, axes: int) -> Any:
 def solve(petsc: Any, solver: Any, matrix: Any, b: Any, rtol: float) -> tuple[Any, int, float]:
     """Return the solution, the number of iterations, and the residual norm relative to that of ``b``.
 
-    PETSc solves for the remaining residual up to five times, and the corrections are summed. `petsc`: the module
-    petsc4py.PETSc; `solver, matrix, b`: PETSc's solver, matrix and right-hand side; `rtol`: relative residual norm at
-    which the solution is accepted, unless the limit of rounding is larger. Raises ArithmeticError if the solver
-    diverges.
+    PETSc solves for the remaining residual up to five times, and the corrections are summed; a solve that does not
+    halve the residual is the last one. `petsc`: the module petsc4py.PETSc; `solver, matrix, b`: PETSc's solver, matrix
+    and right-hand side; `rtol`: relative residual norm at which the solution is accepted, unless the limit of rounding
+    is larger. Raises ArithmeticError if the solver diverges.
     """
     x, correction, r = b.duplicate(), b.duplicate(), b.copy()
     x.set(0.0)

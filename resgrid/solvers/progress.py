@@ -101,7 +101,8 @@ class ProgressMonitor:
     def _seconds_left(self, residual: float) -> float | None:
         """Return the estimated seconds until the iterations reach their target; None while the residual does not fall.
 
-        `residual`: present residual norm. The estimate assumes a constant convergence factor.
+        `residual`: present residual norm. The estimate assumes a constant convergence factor. The result is 0 at or
+        below the target, and None if the target is 0.
         """
         here = self._pass
         if residual <= here.goal:

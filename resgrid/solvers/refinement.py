@@ -54,9 +54,9 @@ the rounding of the rows' sums, about 4e-9 for a million rows.
 """
 
 _MARGIN = 0.03
-"""Accuracy requested of a correction, as a fraction of the error limit that the correction must reach.
+"""Relative accuracy requested of a correction, multiplied by the ratio of the present error to the limit of the error.
 
-With this margin the last correction rarely misses the limit.
+With this margin, below 1, the last correction rarely misses the limit.
 """
 
 _HOPELESS = 1e-4
@@ -75,7 +75,10 @@ The limit on residuals is the parameter ``floor`` of `refine`, the residual of a
 """
 
 _FLAT = 1e-14
-"""Ratio of the currents at a row to ``(b + |A| |x|)_i`` below which the currents may be pure rounding error."""
+"""Ratio below which the currents at a row may be pure rounding error.
+
+It is the ratio of the sum of the magnitudes of the currents at row ``i`` to ``(b + |A| |x|)_i``.
+"""
 
 _STEPS, _FEWEST_STEPS, _LEAST = 8, 2, 128
 """Size of the neighbourhood that is solved directly with inaccurate rows: maximum and minimum number of steps, and N.
@@ -92,9 +95,10 @@ At most 1/N of all rows are solved directly; the smaller limit applies.
 """
 
 Approximation = Callable[[Floats, Integers, float], Numbers]
-"""Function of mantissas (n,), exponents (n,) and a relative error: returns ``A^-1`` times the right-hand side.
+"""Function that returns an approximation of ``A^-1 b``, as mantissas (n,) and exponents (n,).
 
-Numbers are ``mantissa * 2**(256 * exponent)``. The error of the result is relative to the result's largest magnitude.
+Its arguments are the mantissas (n,) and exponents (n,) of ``b``, and the relative error that the result should have.
+Numbers are ``mantissa * 2**(256 * exponent)``. The error is relative to the largest magnitude of the result.
 """
 
 
@@ -119,8 +123,8 @@ class Imbalance(NamedTuple):
     `backward`: componentwise backward error ``max |r_i| / (b + |A| |x|)_i`` (Oettli & Prager 1964); `unconverged`: sum
     of the relative violations of the rows that are not converged; `converged`: sum of the relative violations of the
     other rows, and of the rounding errors that are possible in all rows; `fraction`: smallest ratio of the sum of the
-    currents at a row to ``(b + |A| |x|)_i``; `log_size`: natural logarithm of the largest ``|r_i|`` in amperes, -inf if
-    all are converged.
+    magnitudes of the currents at a row to ``(b + |A| |x|)_i``; `log_size`: natural logarithm of the largest ``|r_i|``
+    in amperes, -inf if all are converged.
     """
 
     backward: float = np.inf
@@ -166,15 +170,18 @@ def refine(
 ) -> Refined:
     """Return the solution for a nonnegative right-hand side `rhs` (n,), with a small relative error of every entry.
 
-    The most accurate solution is returned even if it misses the goal; the caller checks its errors (`is_answer`). `rhs`
-    is in amperes. `approximate`: function from mantissas (n,), exponents (n,) and a relative accuracy to an approximate
-    solution of the matrix `laplacian` as mantissas and exponents; `floor`: residual of a row, relative to ``(b + |A|
-    |x|)_i``, that counts as rounding error of the row's sum of currents; `exact`: whether to compute residuals in
-    double-double, so that the solution is the nearest double (also done if the currents of a row's resistors are at
-    most 1e-14 of ``(b + |A| |x|)_i``); `first_bound`: bound on the relative error of entries of the first
-    approximation. A larger correction is discarded and ends the refinement, since it is rounding error: the
-    conductances span more orders of magnitude than double-doubles; `resolve`: whether to solve a few rows without
-    correct digits directly; `threads`: share the computation of residuals.
+    The most accurate solution is returned even if it misses the goal; the caller checks its componentwise backward
+    error and the bound on the relative error of its entries (`is_answer`).
+
+    `laplacian`: the matrix ``A`` in siemens; `rhs` (n,): right-hand side ``b`` in amperes; `approximate`: function from
+    the mantissas (n,) and exponents (n,) of a right-hand side, and a relative accuracy, to mantissas and exponents of
+    an approximate solution; `floor`: residual of a row, relative to ``(b + |A| |x|)_i``, that counts as rounding error
+    of the row's sum of currents; `exact`: whether to compute residuals in double-double, so that the solution is the
+    nearest double. If False, the refinement changes to double-double once the currents at a row are at most 1e-14 of
+    ``(b + |A| |x|)_i``. `first_bound`: bound on the relative error of entries of the first approximation, infinite if
+    unknown. A later correction of an entry by more than this fraction is rounding error, since the conductances span
+    more orders of magnitude than double-doubles; it is discarded, and the refinement ends. `resolve`: whether to solve
+    a few rows without correct digits directly; `threads`: share the computation of residuals.
     """
     matrix, current = laplacian.graph, scaled_currents(rhs)
     residual = current[0].copy(), current[1].copy()
@@ -223,10 +230,10 @@ def imbalance(
     """Write the residual of KCL to ``out``, and return the violation of KCL over all rows.
 
     `matrix, current, x`: conductances, right-hand side and voltages; `out`: mantissas and exponents of the residual,
-    (n,) each, on entry those of the previous residual; `exact`: whether to compute in double-double; `floor`: residual
-    of a row, relative to ``(b + |A| |x|)_i``, that counts as rounding error, so that the row is converged; `kept`:
-    multiple of the rounding error up to which a row counts as converged if its residual on entry is 0; `threads`:
-    process slices of rows.
+    (n,) each, on entry those of the previous residual; `exact`: whether to sum currents in double-double; `floor`:
+    residual of a row, relative to ``(b + |A| |x|)_i``, up to which the row's violation is added to the sum `converged`
+    of the result; `kept`: multiple of the rounding error up to which a row counts as converged if its residual on entry
+    is 0; `threads`: process slices of rows.
     """
     from resgrid.solvers.scaled_kernels import residual
 
@@ -288,7 +295,7 @@ def quotient(parts: list[Scaled], x: Scaled) -> float:
 
 
 def resolve_rows(laplacian: Laplacian, residual: Floats, x: Scaled, current: Numbers) -> Scaled | None:
-    """Return the voltages after a direct solution of the rows that are not converged; None for no or too many rows.
+    """Return the voltages (n,) after a direct solution of the unconverged rows; None for no or too many of these rows.
 
     The neighbourhood of these rows is solved too; all other voltages are held fixed. The right-hand side of the solved
     rows is their residual of KCL when their own voltages are set to 0.
@@ -311,9 +318,10 @@ def resolve_rows(laplacian: Laplacian, residual: Floats, x: Scaled, current: Num
 def _around(laplacian: Laplacian, rows: NDArray[np.bool_]) -> NDArray[np.bool_] | None:
     """Return a mask (n,) of given rows and their neighbourhood; None if no row is given, or the mask has too many rows.
 
-    `rows` (n,): mask of the given rows. The neighbourhood consists of the rows within some steps along resistors: 2 to
-    8, or more, see `_STEPS`. Too many rows are more than `_MOST` (on a two-dimensional grid `_MOST_OF_PLANE`), or more
-    than 1/`_ONE_IN` of all rows.
+    `laplacian`: the matrix; `rows` (n,): mask of the given rows. The neighbourhood consists of the rows within 8 steps
+    along resistors; after 2 steps or more it ends early once the mask has half of the allowed rows. Beyond, it grows on
+    until the mask has 1/128 of all rows of the matrix. Allowed are at most 20,000 rows (100,000 on a two-dimensional
+    grid), and at most a tenth of all rows.
     """
     plane = laplacian.grid is not None and laplacian.dimensions == 2
     most, edge = min(_MOST_OF_PLANE if plane else _MOST, laplacian.size // _ONE_IN), np.flatnonzero(rows)

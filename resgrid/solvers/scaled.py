@@ -1,4 +1,7 @@
-"""Scaled numbers: a double times ``2**(256 e)`` with an integer exponent ``e``, which cannot overflow or underflow."""
+"""Scaled numbers, a double or the sum of two doubles times ``2**(256 e)``: array types, conversions and logarithms.
+
+The exponent ``e`` is a 64-bit integer of each number, so that scaled numbers cannot overflow or underflow.
+"""
 
 from __future__ import annotations
 
@@ -18,25 +21,29 @@ BITS = 256
 """
 
 NOISE = 2.0**-70
-"""Relative difference of two refined values up to which they are equal except for rounding."""
+"""Default of `Scaled.noise`: relative difference up to which two numbers count as equal except for rounding errors.
+
+The numbers are results of iterative refinement in double-double arithmetic.
+"""
 
 
 _LOG_BASE = BITS * np.log(2.0)
 _LEAST, _MOST = -5, 4
-"""Exponents ``e`` at and below which ``2**(256 e)`` underflows to 0, and at and above which it overflows."""
+"""Largest exponent ``e`` for which ``2**(256 e)`` underflows to 0, and smallest for which it overflows."""
 _POWERS = np.append(np.ldexp(1.0, BITS * np.arange(_LEAST, _MOST)), np.inf)
 _POWERS.flags.writeable = False
 
 
 Numbers = tuple[Floats, Integers]
-"""Mantissas (n,), doubles, and exponents (n,), integers, of the numbers ``mantissa * 2**(256 * exponent)``."""
+"""Pair of arrays: mantissas (n,), doubles, and exponents (n,), integers, of ``mantissa * 2**(256 * exponent)``."""
 
 
 class Scaled(NamedTuple):
     """Double-doubles with separate exponents, ``(hi + lo) * 2**(256 * exponent)``.
 
-    `hi, lo` (n,): upper and lower parts; `exponent` (n,): integers; `noise`: relative difference of two values up to
-    which they are equal except for rounding.
+    `hi, lo` (n,): upper and lower parts, where ``|lo|`` is at most half a unit in the last place of ``hi``; `exponent`
+    (n,): integers; `noise`: relative difference up to which two of the numbers count as equal except for rounding
+    errors.
     """
 
     hi: Floats
@@ -46,25 +53,28 @@ class Scaled(NamedTuple):
 
     @staticmethod
     def of(values: Floats) -> Scaled:
-        """Return the doubles `values` (n,) with lower part and exponent 0."""
+        """Return the doubles `values` (n,) as scaled double-doubles, with all exponents 0.
+
+        The upper parts are `values`, not copied; the lower parts are 0.
+        """
         return Scaled(values, np.zeros(len(values)), np.zeros(len(values), dtype=np.int64))
 
     @property
     def plain(self) -> Floats:
-        """The values as doubles, shape (n,); 0 where they underflow, infinite where they overflow."""
+        """The numbers rounded to doubles, shape (n,); 0 where they underflow, infinite where they overflow."""
         return unscaled(self.hi, self.exponent)
 
     @property
     def log(self) -> Floats:
-        """Natural logarithm of the values including exponents, shape (n,); -inf for values that are not positive."""
+        """Natural logarithm of ``hi * 2**(256 * exponent)``, shape (n,); -inf for numbers that are not positive."""
         return logarithm(self.hi, self.exponent)
 
 
 def canonical(m: Floats, e: Integers, *rest: Floats) -> None:
-    """Rescale numbers ``m * 2**(256 e)`` in place, so that ``2**-128 <= |m| < 2**128``, or 0.
+    """Rescale numbers ``m * 2**(256 e)`` in place, so that each mantissa is 0 or ``2**-128 <= |m| < 2**128``.
 
-    `m, e` (n,): mantissas and exponents; `rest`: further mantissas (n,) with the exponents ``e``, which are multiplied
-    by the same powers of two.
+    The numbers do not change. `m, e` (n,): mantissas and exponents; `rest`: further arrays of mantissas (n,) with the
+    exponents ``e`` (such as lower parts), multiplied by the same powers of two as ``m``.
     """
     steps = (np.frexp(m)[1] + (BITS // 2 - 1)) // BITS
     if steps.any():
@@ -76,7 +86,8 @@ def canonical(m: Floats, e: Integers, *rest: Floats) -> None:
 def divided(values: Floats, divisor: float) -> Scaled:
     """Return the quotients of the doubles `values` (n,) and a divisor other than 0.
 
-    The exponents are 0 except where a quotient exceeds the range of a double, as it may with a subnormal divisor.
+    The exponents are 0 except where a quotient exceeds the range of a double, as it may with a subnormal divisor. Lower
+    parts are 0. A quotient below the range of a double becomes subnormal or 0.
     """
     with np.errstate(over="ignore"):
         out = Scaled.of(values / divisor)

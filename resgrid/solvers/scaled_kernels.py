@@ -45,9 +45,9 @@ NO_EXPONENT = -(2**62)
 _LOG_BASE = BITS * math.log(2.0)
 
 _ROW_ROUNDING = 12.0
-"""Number of rounding errors (2**-53 each) in the sum of a row's currents, with a margin.
+"""Number of rounding errors in the sum of a row's currents, with a margin; one more is added for every conductance.
 
-One more is added for every conductance of the row.
+Each rounding error is 2**-53 times the sum of the magnitudes of the currents.
 """
 
 
@@ -70,7 +70,10 @@ def _canonical(m: float, e: int) -> tuple[float, int]:
 
 @inlined
 def _shift(value: float, steps: int) -> float:
-    """Return ``value * 2**(256 * steps)``, exact for -1, 0 and 1 steps; 0 for fewer steps and infinity for more."""
+    """Return ``value * 2**(256 * steps)``, exact for -1, 0 and 1 steps; 0 below -1, signed infinity above 1.
+
+    A value of 0 is returned unchanged.
+    """
     if steps == 0 or value == 0.0:
         return value
     if steps == 1:
@@ -166,7 +169,7 @@ def residual(
     matrix: Graph, current: Numbers, x: Scaled, begin: int, end: int, plain: bool, exact: bool, floor: float,
     kept: float, out: Numbers,
 ) -> tuple[float, float, float, float, float]:  # fmt: skip
-    """Write the residual of KCL of the rows ``begin`` to ``end - 1`` to ``out``; return the fields of `Imbalance`.
+    """Write the residual of KCL of the rows ``begin`` to ``end - 1`` to ``out``; return five measures of the violation.
 
     The residual of row ``i`` is ``b_i - g_i x_i + sum_j g_ij (x_j - x_i)``. Differences are formed first, so that
     off-diagonals and ground conductances never meet in a rounded diagonal. A difference of double-doubles is accurate
@@ -174,15 +177,22 @@ def residual(
     residual is therefore accurate relative to the currents at the row. With ``exact``, sums and products are
     double-doubles too: if no current flows, differences of voltages then vanish to thirty digits.
 
-    The residual of a row has the exponent of the row's largest value; `plain`: whether all exponents are 0. Converged
-    rows, whose residual is a rounding error of these sums, get the residual 0, so that a correction can address rows
-    that are smaller by many orders of magnitude. A row with the residual 0 on entry remains converged up to ``kept``
-    times that rounding error.
+    The exponent of a residual is the largest one of the row's current and of the voltages of the row and its
+    neighbours. Converged rows, whose residual is a rounding error of these sums, get the residual 0, so that a
+    correction can address rows that are smaller by many orders of magnitude. A row with the residual 0 on entry remains
+    converged up to ``kept`` times that rounding error.
 
-    `matrix`: conductances; `current`: right-hand side ``b`` as mantissas and exponents; `x`: voltages; `floor`:
-    residual, relative to ``(b + |A| |x|)_i``, up to which a row's violation is counted as converged; `out`: mantissas
-    and exponents, on entry those of the previous residual. The returned numbers are described in
-    `resgrid.solvers.refinement.Imbalance`; they are infinite (``fraction`` 0) if a residual is not finite.
+    `matrix`: conductances in siemens; `current`: right-hand side ``b`` in amperes, as mantissas and exponents; `x`
+    (n,): voltages; `plain`: whether all exponents are 0; `exact`: whether to sum in double-double; `floor`: residual,
+    relative to ``(b + |A| |x|)_i``, up to which a row's violation is added to the sum of the converged rows; `out`:
+    mantissas and exponents, on entry those of the previous residual.
+
+    The relative violation of a row is ``|r_i|`` divided by the sum of the magnitudes of its currents. Returned are, as
+    in `resgrid.solvers.refinement.Imbalance`: the largest ``|r_i| / (b + |A| |x|)_i``; the sum of the relative
+    violations of rows that are not converged; that sum for converged rows, plus the rounding errors possible in all
+    rows; the smallest ratio of the summed current magnitudes of a row to ``(b + |A| |x|)_i``; and the natural logarithm
+    of the largest residual in amperes, -inf for none. If a residual is not finite, the fourth is 0 and the others are
+    infinite.
     """
     indptr, indices, conductance, ground = matrix
     injected, injected_e = current

@@ -68,7 +68,8 @@ def symmetric_factors(matrix: Any) -> Any:
 def inverse_diagonal(matrix: Any) -> NDArray[Any]:
     """Return the diagonal (n,) of the inverse of a symmetric sparse matrix (n, n), real or complex.
 
-    The unit is the reciprocal of the matrix's unit. Raises AccuracyError if the matrix is singular in double precision.
+    The diagonal is exact except for rounding; its unit is the reciprocal of the matrix's unit. Raises AccuracyError if
+    the matrix is singular in double precision.
     """
     factors = symmetric_factors(matrix)
     return _diagonal(np.argsort(factors.perm_c), factors.L, factors.U.diagonal())

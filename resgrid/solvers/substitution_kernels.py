@@ -35,9 +35,12 @@ def _product(values: Floats, column: int, x: Floats, begin: int, end: int) -> fl
 def substitute(tree: Tree, fronts: Fronts, m: Floats, e: Integers) -> None:
     """Solve ``A x = b`` in place, in numbers with separate exponents, ``m * 2**(256 e)``, in the order of elimination.
 
-    `m, e` (cells,): mantissas and exponents of ``b``, then of ``x``; ``b`` is nonnegative, and 0 in cells without an
-    equation.  Within a front all numbers have a common exponent, the largest one.  If a number then falls below the
-    range of safe doubles, the front is repeated with one exponent per number.
+    `tree, fronts`: elimination tree of a plane of cells, and its factored fronts (dense matrices); `m, e` (cells,):
+    mantissas and exponents of ``b``, then of ``x``; ``b`` is nonnegative, and 0 in cells without an equation.
+
+    A front is first computed in doubles with a common exponent, the largest one of its numbers.  If a result among them
+    is below 2**-300, or in back substitution above 2**700, terms may have underflowed or overflowed, and the front is
+    repeated with one exponent per number.
     """
     buffer = np.empty(fronts.longest)
     for node in range(len(tree.parent)):
@@ -48,10 +51,11 @@ def substitute(tree: Tree, fronts: Fronts, m: Floats, e: Integers) -> None:
 
 @kernel
 def substitute_plainly(tree: Tree, fronts: Fronts, x: Floats) -> float:
-    """Solve ``A x = b`` in place, in doubles; return the smallest value in a cell with an equation, infinite if none.
+    """Solve ``A x = b`` in place, in doubles; return the smallest value in a cell with an equation.
 
-    `x` (cells,): ``b``, then ``x``, in the order of elimination; ``b`` is nonnegative, and 0 in cells without an
-    equation.
+    The result is infinite if no cell has an equation. `tree, fronts`: elimination tree of a plane of cells, and its
+    factored fronts (dense matrices); `x` (cells,): ``b``, then ``x``, in the order of elimination; ``b`` is
+    nonnegative, and 0 in cells without an equation.
     """
     buffer, least = np.empty(fronts.longest), np.inf
     for node in range(len(tree.parent)):
@@ -84,7 +88,9 @@ def substitute_plainly(tree: Tree, fronts: Fronts, x: Floats) -> float:
 def _align(fronts: Fronts, row: int, begin: int, end: int, m: Floats, e: Integers, buffer: Floats) -> int:
     """Convert the numbers of rows `begin` to ``end - 1`` of a front to doubles ``buffer[r]``; return their exponent.
 
-    The common exponent of the doubles is the largest exponent of these numbers; `row`: index of the front's row 0.
+    The common exponent of the doubles is the largest exponent of the numbers other than 0. `row`: index of the front's
+    row 0 in ``fronts.cell``; `m, e` (cells,): mantissas and exponents, by rank of the cell; `buffer` (longest,):
+    result.
     """
     common = NO_EXPONENT
     for r in range(begin, end):
@@ -101,8 +107,9 @@ def _align(fronts: Fronts, row: int, begin: int, end: int, m: Floats, e: Integer
 def _forward(tree: Tree, fronts: Fronts, node: int, m: Floats, e: Integers, buffer: Floats) -> None:
     """Distribute the currents into the pivots of a front over its later rows, and divide them by the pivots, in place.
 
-    `node`: index of the front's node in the tree; `m, e` (cells,): mantissas and exponents of currents, by rank of the
-    cell; `buffer` (longest,): work array for one number per row of the front.
+    If a sum in doubles is below 2**-300, all are computed again with one exponent per number. `node`: index of the
+    front's node in the tree; `m, e` (cells,): mantissas and exponents of currents, by rank of the cell; `buffer`
+    (longest,): work array for one number per row of the front.
     """
     base, row, rows, pivots = tree.offset[node], tree.first_row[node], fronts.rows[node], fronts.pivots[node]
     first = 0
@@ -130,11 +137,12 @@ def _forward(tree: Tree, fronts: Fronts, node: int, m: Floats, e: Integers, buff
 
 @inner
 def _backward(tree: Tree, fronts: Fronts, node: int, m: Floats, e: Integers, buffer: Floats) -> None:
-    """Compute the values of the pivots of a front from those of its later rows, in place.
+    """Compute the solution in the pivots' rows of a front from that in its later rows, in place.
 
-    `node`: index of the front's node in the tree; `m, e` (cells,): mantissas and exponents by rank of the cell: of the
-    solution in later rows, and, on entry, of currents divided by pivots in the pivots' rows; `buffer` (longest,): work
-    array for one number per row of the front.
+    If a value in doubles is below 2**-300 or above 2**700, all are computed again with one exponent per number. `node`:
+    index of the front's node in the tree; `m, e` (cells,): mantissas and exponents by rank of the cell: of the solution
+    in later rows, and, on entry, of currents divided by pivots in the pivots' rows; `buffer` (longest,): work array for
+    one number per row of the front.
     """
     base, row, rows, pivots = tree.offset[node], tree.first_row[node], fronts.rows[node], fronts.pivots[node]
     common, is_plain = _align(fronts, row, 0, rows, m, e, buffer), True

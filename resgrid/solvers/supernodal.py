@@ -102,7 +102,11 @@ def eliminate(factors: SupernodalFactors, work: Workspace, begin: int, end: int)
 
 @inlined
 def _wait(nodes: Supernodes, work: Workspace, node: int) -> None:
-    """Append supernode ``node`` to the linked list of the supernode that contains the next row it updates."""
+    """Insert supernode ``node`` into the linked list of the supernode whose columns contain the next row to update.
+
+    The next row is number ``work.after[node]`` in ``nodes.rows``; nothing happens if it lies beyond the rows of
+    ``node``. `nodes`: supernodes; `work`: work arrays, whose lists are updated.
+    """
     after, end = work.after[node], nodes.start[node + 1]
     target = work.node_of[nodes.rows[min(after, end - 1)]]
     if after < end:

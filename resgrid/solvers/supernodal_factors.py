@@ -63,8 +63,9 @@ def substitute(factors: SupernodalFactors, m: Floats, e: Integers, column: Float
     """Solve ``A x = b`` in place, in numbers with separate exponents, ``m * 2**(256 e)``.
 
     Rows that odd-even reduction has eliminated are reduced first and restored last; ``L D L^T x = b`` is solved for the
-    others in between. Within a supernode all numbers have a common exponent, the largest one. If a number then falls
-    below the range of safe doubles, the supernode is repeated with one exponent per number.
+    others in between. A supernode is first computed in doubles with a common exponent, the largest one of its numbers.
+    If a result among them is below 2**-300 in magnitude, or in back substitution above 2**700, terms may have
+    underflowed or overflowed, and the supernode is repeated with one exponent per number.
 
     `m, e` (n,): mantissas and exponents of ``b``, then of ``x``, in elimination order; `column` (rows of the longest
     supernode,): work array.
@@ -99,8 +100,9 @@ def _add_fraction(m: Floats, e: Integers, to: int, fraction: float, of: int) -> 
 def _forward(nodes: Supernodes, values: Floats, m: Floats, e: Integers, column: Floats, node: int) -> None:
     """Forward substitution in supernode ``node``: distribute the currents into its columns over its rows, in place.
 
-    `nodes`: supernodes of ``L``; `values`: entries of ``-L``; `m, e` (n,): mantissas and exponents of currents;
-    `column`: work array.
+    If a sum in doubles is below 2**-300 in magnitude, all are computed again with one exponent per number. `nodes`:
+    supernodes of ``L``; `values`: entries of ``-L``; `m, e` (n,): mantissas and exponents of currents ``m * 2**(256
+    e)``; `column`: work array.
     """
     begin, base, first = nodes.start[node], nodes.offset[node], nodes.first[node]
     length, columns = nodes.start[node + 1] - begin, nodes.first[node + 1] - first
@@ -125,9 +127,10 @@ def _forward(nodes: Supernodes, values: Floats, m: Floats, e: Integers, column: 
 def _backward(nodes: Supernodes, values: Floats, m: Floats, e: Integers, column: Floats, node: int) -> tuple[int, bool]:
     """Back substitution in supernode ``node``: compute the values of its columns from those of later rows.
 
-    `nodes`: supernodes of ``L``; `values`: entries of ``-L``; `m, e` (n,): mantissas and exponents of the solution;
-    `column`: work array, whose first entries become the values of the columns, as doubles.  Returns the exponent of
-    these doubles, and whether all of them are in the range of safe doubles.
+    `nodes`: supernodes of ``L``; `values`: entries of ``-L``; `m, e` (n,): mantissas and exponents of the solution ``m
+    * 2**(256 e)``, not modified; `column`: work array, whose first entries become the values of the columns, as doubles
+    ``v``. Returns the common exponent ``e`` of these values ``v * 2**(256 e)``, and whether all ``v`` have magnitudes
+    between 2**-300 and 2**700. If not, terms may have underflowed or overflowed, and the doubles must not be used.
     """
     begin, base = nodes.start[node], nodes.offset[node]
     length, columns = nodes.start[node + 1] - begin, nodes.first[node + 1] - nodes.first[node]
@@ -145,8 +148,9 @@ def _store(
 ) -> None:
     """Write the values of the columns of supernode ``node`` into the solution ``m, e`` (n,), in place.
 
-    `column`, `common`, `plain`: doubles, their exponent and their safety, from `_backward`.  Values that are not safe
-    are computed again, with one exponent per number; `nodes`, `values`: supernodes of ``L`` and entries of ``-L``.
+    `column`, `common`: the values ``column[c] * 2**(256 common)`` of the columns; `plain`: whether these doubles are
+    free of underflow and overflow (magnitudes of 2**-300 to 2**700). If not, the values are computed again, with one
+    exponent per number. `nodes`, `values`: supernodes of ``L`` and entries of ``-L``.
     """
     begin, base, first = nodes.start[node], nodes.offset[node], nodes.first[node]
     length, columns = nodes.start[node + 1] - begin, nodes.first[node + 1] - first
@@ -161,7 +165,8 @@ def _store(
 def _align(rows: Indices, begin: int, skipped: int, length: int, m: Floats, e: Integers, column: Floats) -> int:
     """Convert the numbers of rows ``rows[begin + r]`` to doubles ``column[r]``; return their common exponent.
 
-    `r` runs from ``skipped`` to ``length - 1``; numbers are ``m * 2**(256 e)``; the common exponent is the largest.
+    `r` runs from ``skipped`` to ``length - 1``; numbers are ``m * 2**(256 e)``; the common exponent is the largest one
+    of a number other than 0.
     """
     common = NO_EXPONENT
     for r in range(skipped, length):

@@ -31,7 +31,11 @@ minimum fill, which is then faster.
 """
 
 _DENSE = 10.0
-"""Number of neighbours, in multiples of the square root of the number of rows, above which a row is eliminated last."""
+"""Number of neighbours, in multiples of the square root of the number of rows, above which a row is eliminated last.
+
+It applies to the order by fill. The number of rows is that after odd-even reduction; the limit is 16 neighbours or
+more.
+"""
 
 _MOST_NEIGHBOURS = 8
 """Largest number of neighbours of a row that odd-even reduction eliminates; the elimination joins all pairs of them."""
@@ -61,9 +65,9 @@ class Supernodes(NamedTuple):
     """Supernodes of a unit lower triangular matrix: runs of columns stored as dense blocks (Ashcraft & Grimes 1989).
 
     `first` (supernodes + 1,): first column of every supernode, then the number of columns; `start` (supernodes + 1,):
-    begin of every supernode in `rows`; `rows`: row numbers of all supernodes, ascending in each, its own columns first;
-    `offset` (supernodes + 1,): begin of every supernode in the array of entries, where columns follow each other, each
-    with an entry for every row of the supernode.
+    begin of every supernode in `rows`; `rows`: rows of all supernodes, as positions in the elimination order, ascending
+    in each supernode, and beginning with its own columns; `offset` (supernodes + 1,): begin of every supernode in the
+    array of entries, where columns follow each other, each with an entry for every row of the supernode.
     """
 
     first: Indices
@@ -180,11 +184,12 @@ def order_far_first(pattern: Pattern, root: int, nearest_first: Indices, depth: 
     """Order the rows that odd-even reduction keeps, farthest from a root first, then the others; return their number.
 
     The returned number is that of the kept rows. A row at an odd distance from the root, or from the first row of
-    another component, is eliminated by the reduction, and not kept, if it has few neighbours and none at an equal
-    distance. On a grid these rows are all cells of one colour.
+    another component, is eliminated by the reduction, and not kept, if the row has at most 8 neighbours and none at an
+    equal distance. On a grid the eliminated rows are all cells of one colour.
 
-    `pattern`: receives `order` and `place`; `root`: row at distance 0; `nearest_first` (n + 1,): work array; `depth`
-    (n,): -1 on entry, receives the distance of every row in steps.
+    `pattern`: neighbours of every row; its arrays `order` and `place` receive the order and its inverse; `root`: row at
+    distance 0; `nearest_first` (n + 1,): work array; `depth` (n,): -1 on entry, receives the distance of every row in
+    steps.
     """
     indptr, indices, order, place = pattern
     n, size = len(order), 0
@@ -234,14 +239,16 @@ def reached(pattern: Pattern, entry: int, kept: int) -> tuple[int, int]:
 
 @kernel
 def postorder(pattern: Pattern, before: Indices, parent: Indices, last: Indices, branch: Indices) -> None:
-    """Renumber the rows that odd-even reduction keeps in postorder of the elimination tree; the fill does not change.
+    """Renumber the rows that odd-even reduction keeps in postorder of the elimination tree, which keeps the fill.
 
     The parent of a row is the first later row that is its neighbour when it is eliminated (Liu 1990). The branch of a
     row contains the row and its descendants.
 
-    `pattern`: its `order` and `place` are updated; `before` (kept,): row at every position of the previous order;
-    `parent, last, branch` (kept + 1,): work arrays for the parent of a row, for its latest known ancestor (path
-    compression) and then the end of its branch in the new order, and for the size of its branch.
+    `pattern`: neighbours of every row; its arrays `order` and `place` contain the previous order on entry, and the new
+    order on exit; `before` (kept,): copy of the first entries of `order`, made by the caller and not modified: the row
+    at every position of the previous order; `parent, last, branch` (kept + 1,): work arrays, uninitialized, for the
+    parent of a row, for its latest known ancestor (path compression) and then the end of its branch in the new order,
+    and for the size of its branch.
     """
     indptr, indices, order, place = pattern
     n = len(before)
@@ -277,13 +284,16 @@ def list_supernodes(
     """Merge columns of the factor into supernodes; return the number of supernodes, and the rows of all supernodes.
 
     A column has entries in the rows of its neighbours and of its children. A child is a supernode whose first row below
-    its own columns is this column (Liu 1990). A column joins the previous supernode if this has an entry in the row of
-    the column, and if zeros and columns of the result are within the limits `_FEW`, `_SHARE` and `_WIDEST`.
+    its own columns is this column (Liu 1990). A column joins the previous supernode if that supernode has an entry in
+    the row of the column and at most 16 columns afterwards, and if at most ``20 + 0.2 entries`` of its entries are then
+    zeros.
 
-    `kept`: number of columns; `most, most_rows`: maximum number of entries, and of rows of all supernodes; `first,
-    start` (kept + 1,): receive the fields of `Supernodes`; `seen, branch, sibling` (kept + 1,): work arrays, for the
-    last supernode in which a row was listed, the first child of a column, and the next child of the same column. All
-    arrays are -1 on entry. The returned number is -1 if a maximum is exceeded.
+    `pattern`: neighbours and order of the rows; `kept`: number of columns; `most, most_rows`: maximum number of
+    entries, and of rows of all supernodes; `first, start` (kept + 1,): receive the fields of `Supernodes`; `seen,
+    branch, sibling` (kept + 1,): work arrays, for the last supernode in which a row was listed, the first child of a
+    column, and the next child of the same column. All arrays are -1 on entry. The returned array of rows is filled up
+    to the end of the last supernode in `start`. The returned number is -1 if a maximum is exceeded, or if the entries
+    of the first columns already exceed about their part of the maximum.
     """
     n = kept
     rows = np.empty(10 * n, np.int32)
@@ -327,9 +337,9 @@ def _add_rows(
     The rows are those of the column's children and of its neighbours that ``seen`` does not mark as listed. A child is
     an earlier supernode whose first row below its own columns is this column.
 
-    `seen` (kept + 1,): last supernode in which a row was listed, updated; `branch, sibling` (kept + 1,): first child of
-    a column, and next child; `start` (kept + 1,): begin of every supernode in ``rows``; `end`: end of ``rows`` on
-    entry.
+    `pattern`: neighbours and order of the rows; `seen` (kept + 1,): last supernode in which a row was listed, updated;
+    `branch, sibling` (kept + 1,): first child of a column, and next child; `start` (kept + 1,): begin of every
+    supernode in ``rows``; `end`: end of ``rows`` on entry.
     """
     indptr, indices, order, place = pattern
     kept = len(seen) - 1

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 Result = TypeVar("Result")
 
 _PIECE = 2**17
-"""Number of array entries in a slice; threads process slices one by one."""
+"""Number of array entries in one slice of `ThreadTeam.over`; a thread that is free processes the next slice."""
 
 
 class ThreadTeam:
@@ -42,7 +42,8 @@ class ThreadTeam:
     def run_parts(self, part: Callable[[int], object], parts: int) -> None:
         """Call ``part(0)`` to ``part(parts - 1)`` once each, in any order, and wait for all calls to end.
 
-        An exception in any thread cancels the calls that have not begun, and is raised.
+        An exception in any call cancels the calls that have not begun, and is raised here after the other calls have
+        ended.
         """
         if self._pool is None or parts < 2:
             for number in range(parts):
@@ -81,7 +82,8 @@ class ThreadTeam:
     def over(self, count: int, function: Callable[[slice], Result]) -> list[Result]:
         """Call `function` for slices of ``range(count)``, and return the list of its results in the order of slices.
 
-        A slice has 131,072 entries, the last one at most; slices do not depend on the number of threads.
+        Every slice has 131,072 entries, except that the last one may have fewer. Slices do not depend on the number of
+        threads.
         """
         pieces = [slice(k, min(k + _PIECE, count)) for k in range(0, count, _PIECE)]
         return self.together([partial(function, piece) for piece in pieces])

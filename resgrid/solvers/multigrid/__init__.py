@@ -1,4 +1,4 @@
-"""Conjugate gradients preconditioned by multigrid: the algorithm on one page.
+"""Conjugate gradients preconditioned by multigrid: the algorithm on one page (this file contains no code).
 
 `MultigridFactor` solves ``A x = b`` for the Laplacian of a grid or a netlist, in this order:
 
@@ -11,8 +11,8 @@
    its index in a flattened array (2, slots): the slot of a red node, or the number of slots plus the slot of a black
    node. Position 0 is unused, so that 0 can stand for no node.
 2. *Coarse grids* (`grid_coarsening.coarsen`: `count_inside, join_inside, split_blocks, sum_blocks`). A coarse node is
-   the connected part of a block of two cells a side, cut where a conductance is weak relative to the strongest at
-   either end, so that no node joins both sides of a barrier of obstacles. Further parts of a block become extra nodes.
+   the connected part of a block of two cells a side, cut where a conductance is weak relative to the strongest at its
+   two ends, so that no node joins both sides of a barrier of obstacles. Further parts of a block become extra nodes.
    Axes that conduct badly are coarsened later. The centres of two blocks are joined through half of either block's own
    resistance in series with the conductance between them (plain aggregation underestimates long resistances: Braess
    1995).

@@ -30,7 +30,7 @@ LEAST_GAIN = 0.5
 ROUNDING = 2.0**-52
 """Machine epsilon of double precision."""
 _SINGLE = 5e-7
-"""Recursive residual norm, relative to the begin of a burst of iterations, below which it is rounding error.
+"""Recursive residual norm, relative to the begin of a burst of iterations, below which the residual is rounding error.
 
 The recursive residual is the one that each iteration updates in single precision. The next burst then starts without
 the last search direction.
@@ -67,9 +67,10 @@ _FASTEST, _SLOWEST = 0.3, 0.95
 """
 
 _DOUBT = 10.0
-"""Factor by which a cheap estimate of the remaining error may exceed the tolerance before it is recomputed.
+"""Multiple of the tolerance of the error below which the estimate of the remaining error is recomputed.
 
-The recomputation finds the largest change of a voltage in the last iteration, which needs all search directions.
+The cheap estimate extrapolates an earlier largest change of a voltage. Once it is at most this multiple of the
+tolerance, the largest change in the last iteration is computed, which needs all stored search directions.
 """
 
 _PASS, _LEAST_PASS = 1e-15, 1e-2
@@ -173,7 +174,8 @@ class StoppingRule:
     `unit`: conductance in siemens by which all equations are divided; `wanted`: sufficient residual norm, in amperes
     divided by `unit`; `rounding`: rounding error of the residual norm per ``|x|``, in siemens divided by `unit`;
     `guess` (n,): initial solution in volts, None for 0; `rtol`: sufficient error relative to the largest guessed
-    voltage, 0 to disable this criterion. `accurate`: whether the estimated error is small enough.
+    voltage, 0 to disable this criterion, as does ``guess=None``. `accurate`: whether the estimated error is small
+    enough.
     """
 
     def __init__(
@@ -203,7 +205,8 @@ class StoppingRule:
 
         `power`: reduction of the squared energy norm of the error; `length`: function that returns the largest
         magnitude of a change of a voltage by this iteration, in volts. The function is called for the first iteration,
-        and if the reductions suggest that the change is small.
+        and whenever the reductions suggest that the remaining change is at most 10 times the tolerance. Nothing is done
+        without a guess.
         """
         if not self._near:
             return
@@ -219,7 +222,8 @@ class StoppingRule:
 def converge(problem: MultigridProblem, stop: StoppingRule, watch: ProgressMonitor | None) -> float:
     """Improve ``problem.x`` until a stopping rule is met or the residual stagnates; return the final residual norm.
 
-    A residual stagnates if a burst of iterations gains less than a factor of 2; `MOST_ITERATIONS` are made at most.
+    A burst is a sequence of iterations between two computations of the true residual. The residual stagnates if a burst
+    gains less than a factor of 2; at most 200 iterations are made.
 
     The norm is in amperes divided by ``stop.unit``. `problem`: equations, solution and preconditioner; `stop`: stopping
     rule; `watch`: records iterations, and can cancel them; None for neither.
@@ -281,7 +285,9 @@ class _Burst:
     def run(self, size: float, gain: float, limit: int) -> int:
         """Reduce the residual norm from ``size`` to ``gain * size`` within ``limit`` iterations; return their number.
 
-        ``size`` is the norm of the true residual in amperes, divided by ``hierarchy.unit`` in siemens.
+        ``size`` is the norm of the true residual in amperes, divided by ``hierarchy.unit`` in siemens. The iterations
+        end earlier if the norm is 1e-5 of its largest value in the burst, if the estimated error is small enough, or if
+        an iteration fails.
         """
         v, steps = self._v, 0
         np.divide(self.residual, size, out=v.r, casting="same_kind")

@@ -287,8 +287,9 @@ def help_sweep(table: Table, state: Integers) -> None:
 def _sweep_slab(level: Row, kind: int, visit: int, part: int) -> None:
     """Sweep over one slab, a range of cells, of a level.
 
-    `level`: record of the grid; `kind`: kind of the sweep, such as `sweeps.CLEAR`; `visit`: number of times that the
-    K-cycle has returned to this level from the next one; `part`: number of the slab, from 0.
+    `CLEAR`, `ELIMINATE` and `STEP` also set this slab's part of the next level's right-hand side to 0. `level`: record
+    of the grid; `kind`: kind of the sweep, a constant of `sweeps`; `visit`: number of times that the K-cycle has
+    returned to this level from the next one; `part`: number of the slab, from 0.
     """
     slab, parts = slab_of(level, part), level.parts
     if kind == CLEAR or kind == ELIMINATE or kind == STEP:  # noqa: PLR1714, SIM109 (compiles in half the time)

@@ -18,7 +18,7 @@ from resgrid.solvers.multigrid.graph_sweeps import Graphs
 from resgrid.solvers.scaled import Floats, Indices, Integers, Singles
 
 _COARSEST = 250
-"""Number of nodes up to which a graph is not coarsened further."""
+"""Largest number of nodes of a graph that is not coarsened further."""
 
 _MOST_LEVELS = 40
 """Maximum number of graphs of a hierarchy."""
@@ -36,15 +36,15 @@ The second time, nodes also join along weak conductances.
 """
 
 _WEAK = 0.2
-"""Least sum of conductances to an aggregate with which a node may join it, as a fraction of a sum of conductances.
+"""Least sum of conductances between a node and an aggregate with which the node may join, as a fraction of another sum.
 
-The latter sum is over all conductances of the node, or over those of the aggregate's first node if that is smaller.
+The other sum is over all conductances of the node, or over those of the aggregate's first node if that sum is smaller.
 """
 
 _BESIDE_STRONGEST = 0.7
-"""Least sum of conductances to an aggregate with which a node may join it even below the limit `_WEAK`.
+"""Least sum of conductances between a node and an aggregate with which the node may join even below the limit `_WEAK`.
 
-It is a fraction of the strongest single conductance of the aggregate's first node.
+The sum is given as a fraction of the strongest single conductance of the aggregate's first node.
 """
 
 _FAR = 0.5
@@ -54,10 +54,10 @@ _WINDOW = 4096
 """Number of nodes of a colour that are sorted together by their number of neighbours."""
 
 _LARGEST_INVERSE = 2000
-"""Number of nodes of the coarsest graph up to which the inverse of its matrix is computed."""
+"""Largest number of nodes of the coarsest graph for which the inverse of its matrix is computed."""
 
 _LONG = 31
-"""Number of neighbours from which on rows count as equally long when rows are sorted by length."""
+"""Rows with at least this number of neighbours count as equally long when rows are sorted by length."""
 
 _ONE = np.uint64(1)
 
@@ -91,14 +91,16 @@ def coarsen_down(graph: Graph) -> tuple[list[Graph], list[NDArray[np.int32]]]:
 def grow_aggregates(graph: Graph, most: int, strict: bool) -> tuple[Indices, int]:
     """Partition the nodes of a graph into aggregates; return the aggregate of every node, shape (n,), and their number.
 
-    `most`: maximum number of nodes of an aggregate, before single nodes join; `strict`: whether nodes join along strong
-    conductances only, and whether an aggregate has at most 1.5 ``most`` nodes after single nodes have joined.
+    `most`: maximum number of nodes of an aggregate, before single nodes join; `strict`: whether nodes join only with a
+    strong sum of conductances (see below), and single nodes join only aggregates of fewer than 1.5 ``most`` nodes. If
+    False, nodes join along any conductance, and only nodes without neighbours stay alone.
 
     An aggregate starts with the first node that has no aggregate. The aggregate repeatedly takes in the neighbour
     without an aggregate that has the greatest sum of conductances to the aggregate, divided by the square root of the
-    sum of all conductances of the neighbour. A node without such a neighbour joins the aggregate at the other end of
-    the node's strongest conductance.
-    Unless ``strict``, only nodes without neighbours stay alone.
+    sum of all conductances of the neighbour. A sum is strong if it is at least 0.2 times the sum of all conductances of
+    the neighbour or of the first node, whichever is smaller, or at least 0.7 times the first node's strongest
+    conductance. A first node without such a neighbour joins the aggregate at the other end of the node's strongest
+    conductance.
     """
     (indptr, indices, conductance, leak), n = graph, len(graph.leak)
     degree, scale, strongest = _degrees(indptr, conductance, leak)

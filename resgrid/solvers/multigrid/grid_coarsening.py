@@ -23,12 +23,14 @@ from resgrid.solvers.scaled import Indices, Integers, Singles
 def coarsen(level: Level, *, split: bool) -> tuple[Level, NDArray[np.int32]] | None:
     """Return the next coarser level, and the coarse node of every node; None if nodes of one colour would be joined.
 
-    The nodes of the next level are blocks of two cells along every axis, except along axes that conduct badly. If a
-    block is disconnected without its weak conductances, one connected component stays on the grid. The other components
-    become extra nodes, which are joined by couplings (edges that cross no face of the grid).
+    The nodes of the next level are blocks of two cells along every axis, except along axes whose mean conductance is at
+    most a tenth of that of the best axis. If a block is disconnected without its weak conductances, one connected
+    component stays on the grid. The other components become extra nodes, which are joined by couplings (edges that
+    cross no face of the grid).
 
-    `level`: the finer level; `split`: whether weak conductances do not connect a block. The returned array has shape
-    (2, slots of the finer level): row 0 for red, row 1 for black nodes, by their index in the arrays of the finer
+    `level`: the finer level; `split`: whether a block counts as disconnected without its weak conductances (below a
+    tenth of the strongest conductance at their two ends); if False, every conductance connects. The returned array has
+    shape (2, slots of the finer level): row 0 for red, row 1 for black nodes, by their index in the arrays of the finer
     level. An entry is the position of the node's coarse node: a red coarse node's index in the arrays (coarse slots,)
     of the coarser level, or the number of coarse slots plus a black coarse node's index. An entry is 0 where the finer
     level has no node.
@@ -76,13 +78,14 @@ def _blocks(level: Level, lattice: Lattice, shift: NDArray[np.int64]) -> NDArray
 
 
 def _split(level: Level, lattice: Lattice, target: NDArray[np.int32], weak: float) -> NDArray[np.int64]:
-    """Number the extra nodes, the connected components of each block except its first; return their blocks.
+    """Number the extra nodes, the connected components of each block except its first; return their blocks (extras,).
 
     A block is given as its position on the next level: a red block's index in an array (``lattice.slots``,), or
     ``lattice.slots`` plus a black block's index. `level, lattice`: the finer level, and memory layout of the next one
     without extra nodes; `target` (2, slots of the finer level): block of every red node (row 0) and black node (row 1),
     0 for none; for the nodes of an extra node, overwritten with ``2 lattice.slots`` plus the number of the extra node;
-    `weak`: fraction of the strongest conductance at either end below which a conductance does not connect a block.
+    `weak`: fraction of the strongest conductance at its two ends below which a conductance does not connect a block, 0
+    if every conductance connects.
     """
     edges = level.edges
     strongest = _strongest(edges) if weak else np.zeros((2, 1), dtype=np.float32)
@@ -203,7 +206,7 @@ def _merge_couplings(
 def _joins(g: float, weak: float, strongest: Singles, red: int, black: int | np.uint64) -> bool:
     """Return whether the conductance ``g`` between a red and a black node is not weak.
 
-    `weak`: fraction of the strongest conductance at either node below which a conductance is weak, 0 if none is weak;
+    `weak`: fraction of the larger of the strongest conductances at both nodes below which ``g`` is weak, 0 if never;
     `strongest` (2, slots): strongest conductance at every red node (row 0) and black node (row 1); `red, black`:
     columns of the two nodes in these rows.
     """
@@ -218,9 +221,10 @@ def count_inside(
 
     `edges`: conductances between the cells of the finer level; `block` (2, slots): position on the next level of the
     block of every red node (row 0) and black node (row 1), 0 for none; `weak`: fraction of the strongest conductance at
-    either end below which a conductance is weak; `strongest` (2, slots): strongest conductance at every node; `members,
-    inner` (2 coarse slots,): receive, at the position of every block, the numbers of nodes and of faces, 0 on entry.
-    Edges that cross no face do not count; along a periodic axis of two cells they join cells that a face joins already.
+    its two ends below which a conductance is weak; `strongest` (2, slots): strongest conductance at every node;
+    `members, inner` (2 coarse slots,): receive, at the position of every block, the numbers of nodes and of faces, 0 on
+    entry. Edges that cross no face do not count; along a periodic axis of two cells they join cells that a face joins
+    already.
     """
     red_block, black_block, faces, distance = block[0], block[1], edges.faces, edges.distance
     for k in range(edges.margin, len(red_block) - edges.margin):
@@ -242,7 +246,7 @@ def join_inside(
     """Merge, in the union-find ``parent``, the nodes of possibly disconnected blocks that a conductance joins.
 
     `edges`: conductances of the finer level; `block` (2, slots): position on the next level of the block of every red
-    node (row 0) and black node (row 1), 0 for none; `weak`: fraction of the strongest conductance at either end below
+    node (row 0) and black node (row 1), 0 for none; `weak`: fraction of the strongest conductance at its two ends below
     which a conductance does not join; `strongest` (2, slots): strongest conductance at every node; `doubtful` (2 coarse
     slots,): whether the block at a position may be disconnected; `parent` (2 slots,): union-find over the red, then the
     black nodes of the finer level.

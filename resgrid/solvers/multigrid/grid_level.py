@@ -27,7 +27,7 @@ BLOCK = 2048
 WEAK = 0.1
 """Fraction of a reference conductance below which a conductance is weak.
 
-Coarsening of a block compares a conductance with the strongest one at either end, the choice of axes to coarsen the
+Coarsening of a block compares a conductance with the strongest one at its two ends, the choice of axes to coarsen the
 mean conductance of an axis with that of the best axis, and `Level.uneven` the weakest with the strongest of a grid.
 """
 
@@ -339,9 +339,10 @@ def add(faces: Reals, q: int, begin: int, count: int, total: Floats, to: int) ->
 def compensate(stencil: Stencil, leak: Floats, fraction: Floats, degree: Floats) -> None:
     """Add the currents through red cells to the black diagonal, without off-stencil couplings (see `compensated`).
 
-    `stencil`: conductances in single precision; `leak` (slots,): conductance of red cells to the rails; `fraction`
-    (slots,): on entry the sum of the off-stencil couplings at red cells; on exit the fraction of the current into a red
-    cell that leaves the cell, 1 except for rounding of the reciprocal; `degree` (slots,): black diagonal, updated.
+    Off-stencil couplings are edges that cross no face of the grid. `stencil`: conductances in single precision; `leak`
+    (slots,): conductance of red cells to the rails; `fraction` (slots,): on entry the sum of the off-stencil couplings
+    at red cells; on exit the fraction of the current into a red cell that leaves the cell, 1 except for rounding of the
+    reciprocal; `degree` (slots,): black diagonal, updated.
     """
     faces, distance, end = stencil.faces, stencil.distance, len(fraction) - stencil.margin
     for begin in range(stencil.margin, end, BLOCK):

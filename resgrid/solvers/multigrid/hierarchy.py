@@ -1,4 +1,7 @@
-"""The hierarchy of levels that preconditions conjugate gradients, and the equations as they are solved.
+"""The hierarchy of levels that preconditions conjugate gradients, and the equations that conjugate gradients solve.
+
+`build_hierarchy` computes the levels; `GridProblem` and `GraphProblem` hold the equations, the solution and the
+vectors, compute residuals and apply the preconditioner.
 
 The levels of a grid are red-black grids, and graphs from the coarsest grid on; the levels of a netlist are graphs.
 
@@ -101,10 +104,11 @@ def coarsen_grid(level: Level) -> tuple[list[Level], list[NDArray[np.int32]]]:
 
     The second list contains one array (slots,) per level: for every black node, by its index in arrays over the black
     nodes of this level, the position of the block on the next level that contains the node. A position is a red block's
-    index in an array (coarse slots,), or the number of coarse slots plus a black block's index; 0 at an unused slot.
-    A disconnected block of cells is several nodes, one per connected component; all but the first are extra nodes, and
-    follow the first nodes of all blocks in arrays. Coarsening by blocks ends when the grid has fewer than 250 nodes, or
-    when extra nodes are more than the fraction `_MOST_EXTRAS` of them.
+    index in an array (coarse slots,), or the number of coarse slots plus a black block's index; 0 at an unused slot. A
+    disconnected block of cells is several nodes, one per connected component; all but the first are extra nodes, and
+    follow the first nodes of all blocks in arrays. Coarsening by blocks ends with a grid that has fewer than 250 nodes,
+    or more than a tenth of extra nodes. It also ends before a grid that has more than 0.6 times as many nodes as the
+    finer one, or in which nodes of one colour would be joined.
     """
     levels, targets = [level], list[NDArray[np.int32]]()
     while True:
@@ -206,7 +210,9 @@ class GridProblem:
     A slot is the index of a cell in the arrays of its colour, from 0 for both colours. `finest`: the finest level;
     `currents` (2, slots): currents into red cells (row 0) and black cells (row 1), in amperes divided by
     ``hierarchy.unit`` in siemens; `x` (2, slots): the solution in volts, which is updated; `vectors`: vectors of
-    conjugate gradients; `relaxes`: whether a relaxation of all cells can reduce the final residual.
+    conjugate gradients; `relaxes`: whether a relaxation of all cells can reduce the final residual; `table`: one record
+    per grid, for the compiled cycle (`levels.GRID`); `state`: integers that the threads share; `work`: work arrays of
+    the graphs below the grids.
     """
 
     relaxes = True
@@ -319,7 +325,10 @@ class GridProblem:
         return rest, product, gamma
 
     def set_output(self, z: Singles) -> None:
-        """Set the array ``z`` over the black cells that receives the preconditioned residual of the finest level."""
+        """Set the array ``z`` (slots,) that receives the preconditioned residual of the finest level's black cells.
+
+        Its unused entries at both ends are set to 0.
+        """
         self._output, self.table["z"][0] = z, z.ctypes.data
         margin = self.finest.stencil.margin
         z[:margin], z[len(z) - margin :] = 0.0, 0.0
@@ -366,8 +375,8 @@ class GraphProblem:
     def precondition(self, z: Singles) -> tuple[float, float, float]:
         """Precondition the residual ``r`` into ``z`` (n,); set ``w = A z``; return ``z.r``, ``z.w`` and ``z.s``.
 
-        The vectors ``r``, ``w`` and ``s`` are those of ``self.vectors``: residual, product, and matrix times search
-        direction.
+        The vectors ``r``, ``w`` and ``s`` are those of ``self.vectors``: residual, product, and product of the matrix
+        with the last search direction.
         """
         return precondition_graph(self._graphs, self._work, self.vectors.r, self.vectors.s, z, self.vectors.w)
 

@@ -23,9 +23,10 @@ _DEPTH = 3
 class Vectors(NamedTuple):
     """Vectors of flexible conjugate gradients, over the black cells of a grid or the rows of a netlist.
 
-    `inverse` (n,): reciprocal diagonal; `r, s, w` (n,): residual, product ``A p`` for the search direction, and product
-    ``A z`` for the newest preconditioned residual; `before` (n,): relaxed residual ``inverse * r``; `z` (3, n):
-    preconditioned residuals that are not yet added to the solution; `p` (n,): search direction before these.
+    The matrix ``A`` is the Schur complement of the black cells of a grid, or the matrix of a netlist. `inverse` (n,):
+    reciprocal diagonal; `r, s, w` (n,): residual, product ``A p`` for the search direction, and product ``A z`` for the
+    newest preconditioned residual; `before` (n,): relaxed residual ``inverse * r``; `z` (3, n): preconditioned
+    residuals that are not yet added to the solution; `p` (n,): search direction before these residuals.
     """
 
     inverse: Singles
@@ -81,7 +82,7 @@ def advance(
 
 @kernel_fast
 def add_steps(z: Singles, on_x: Floats, on_p: Floats, p: Floats, unit: float, x: Floats, begin: int, end: int) -> None:
-    """Add the stored vectors ``z`` to the solution ``x`` and to ``p`` on entries ``begin`` to ``end - 1``.
+    """Add stored vectors ``z`` to solution ``x`` and search direction ``p`` on entries ``begin`` to ``end - 1``.
 
     ``x += unit (on_x[-1] p + sum_j on_x[j] z[j])``, then ``p = on_p[-1] p + sum_j on_p[j] z[j]``.
 
@@ -149,11 +150,11 @@ def sweep_colour(
 ) -> None:  # fmt: skip
     """Relax the red cells of some blocks exactly, or compute the residual at the black cells.
 
-    Off-stencil couplings contribute to red cells only; `black_residual` adds those at black cells. `stencil`:
-    conductances; `colour`: RED to relax, BLACK for the residual; `b, x` (2, slots): right-hand side and solution, with
-    red cells in row 0 and black ones in row 1; `r` (slots,): receives the residual; `squares` (blocks,): receives the
-    sum of squared residuals of every block; `total` (block,): work array; `blocks`: first block, and block after the
-    last.
+    Couplings (edges that cross no face of the grid) contribute to red cells only; `black_residual` adds those at black
+    cells. `stencil`: conductances; `colour`: RED to relax, BLACK for the residual; `b, x` (2, slots): right-hand side
+    and solution, with red cells in row 0 and black ones in row 1; `r` (slots,): receives the residual; `squares`
+    (blocks,): receives the sum of squared residuals of every block; `total` (block,): work array; `blocks`: first
+    block, and block after the last.
     """
     there, margin, coupling, (first, last) = x[1 - colour], stencil.margin, 0, blocks
     while coupling < len(stencil.couplings) and stencil.off_red[coupling] < margin + first * stencil.block:

@@ -1,9 +1,9 @@
-"""Multigrid levels as arguments of kernels: grids as rows of a table of addresses, then graphs.
+"""Multigrid levels as arguments of kernels: grids as rows of a table of addresses, then graphs; kernels over blocks.
 
 Kernels with dozens of array arguments take most of their compile time for passing these on. A row of the table (`GRID`)
-contains addresses of arrays instead, and a kernel opens the ones it needs. The owner of the table keeps the arrays
-alive. The slot of a cell is its index in an array (slots,) over the cells of its colour, which also has unused slots,
-at least at both ends; red and black slots both count from 0.
+contains addresses of arrays instead, and a kernel opens the arrays that it needs. The owner of the table keeps the
+arrays alive. The slot of a cell is its index in an array (slots,) over the cells of its colour, which also has unused
+slots, at least at both ends; red and black slots both count from 0.
 
 In a sweep the red cells are ahead of the black ones by the distance of neighbours (wavefront sweep), so that faces are
 read once.
@@ -22,7 +22,7 @@ from resgrid.solvers.multigrid.red_black import RED, Stencil, products
 from resgrid.solvers.scaled import Indices, Reals, Singles
 
 _LEAST = 60_000
-"""Number of array entries per colour below which a grid is not divided into slabs."""
+"""Number of array entries per colour below which a grid is not divided into slabs (parts for the threads)."""
 
 _THICK = 4
 """Smallest thickness of a slab, in multiples of the lead of red over black cells in a wavefront sweep.

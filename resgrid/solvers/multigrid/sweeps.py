@@ -35,29 +35,31 @@ CLEAR, ELIMINATE, RESTRICT, RELAX, PROLONG, COMBINE, BACK_SUBSTITUTE, STEP, MULT
 )
 """The kinds of sweeps over a grid; variables and not literals, for which numba would compile the code once per kind.
 
-Names in double backticks are fields of the grid's record (`levels.GRID`). Four kinds sweep from red to black cells.
-`ELIMINATE` eliminates the red cells: the black residual goes to ``r``, the residual times the reciprocal diagonal to
-``before``. `RESTRICT` sums the residual that ``before`` leaves into ``below_rhs``. `RELAX` relaxes ``before`` into
-``z``. `MULTIPLY` writes ``S z``, with the Schur complement ``S`` of the black cells, to ``s`` after the first direction
-of a K-cycle, else to ``w``, and the inner products ``z.r, z.w, z.s`` of every block to ``sums``.
+Names in double backticks are fields of the grid's record (`levels.GRID`); ``S = D - G^T R G`` is the Schur complement
+of the black cells, with the black diagonal ``D``, conductances ``G`` from black to red cells, and reciprocal red
+diagonal ``R``. Four kinds sweep from red to black cells. `ELIMINATE` eliminates the red cells: the black residual goes
+to ``r``, the residual times the reciprocal diagonal to ``before``. `RESTRICT` adds the residual after relaxation, ``r -
+S before``, which is ``G^T R G before``, to ``below_rhs``. `RELAX` sets ``z`` to ``(r + G^T R G before) / D``, a Jacobi
+step from ``before``. `MULTIPLY` writes ``S z`` to ``s`` after the first direction of a K-cycle, else to ``w``, and the
+inner products ``z.r, z.w, z.s`` of every block to ``sums``.
 
-`BACK_SUBSTITUTE` computes the red cells from ``before``. The others work cell by cell. `PROLONG` adds ``below_x`` to
-``before``. `STEP` subtracts the first of the ``coefficients`` times ``s`` from ``r``, writes ``|r|^2`` of every block
-before and after to ``sums``, copies ``z`` to ``c``, and sets ``before`` to ``r`` times the reciprocal diagonal.
-`COMBINE` sets ``before`` to the sum of ``c`` and ``z``, multiplied by both ``coefficients``. `CLEAR` sets ``below_rhs``
-to 0, as do `ELIMINATE` and `STEP`.
+`BACK_SUBSTITUTE` computes the red cells ``red`` from ``before``. The others work cell by cell. `PROLONG` adds
+``below_x`` to ``before``. `STEP` subtracts the first of the ``coefficients`` times ``s`` from ``r``, writes ``|r|^2``
+of every block before and after to ``sums``, copies ``z`` to ``c``, and sets ``before`` to ``r`` times the reciprocal
+diagonal. `COMBINE` sets ``before`` to the sum of ``c`` and ``z``, multiplied by the first and the second of the
+``coefficients``. `CLEAR` sets ``below_rhs`` to 0, as do `ELIMINATE` and `STEP`.
 """
 
 
 @inner
 def sweep_black(level: Row, kind: int, slab: Slab) -> None:
-    """Eliminate, restrict or relax on the black cells of one slab of a grid.
+    """Eliminate, restrict or relax on the black cells of one slab (a part of a grid for one thread).
 
-    `ELIMINATE` writes the fields ``r`` and ``before`` of the record at black cells, `RELAX` writes ``z`` there, and
-    `RESTRICT` adds to ``below_rhs``, the next level's right-hand side. Red values are computed first, into ``w``.
-    Couplings (edges that cross no face) contribute to red cells only; `add_couplings` adds those at black cells
-    afterwards. `level`: record of the grid; `kind`: `ELIMINATE`, `RESTRICT` or `RELAX`; `slab`: range of blocks of
-    cells.
+    `ELIMINATE` writes the residual ``r`` and the relaxed residual ``before`` of the record at black cells, `RELAX`
+    writes the correction ``z`` there, and `RESTRICT` adds the residual after relaxation to the next level's right-hand
+    side, ``below_rhs``. Red values are computed first, into ``w``. Couplings (edges that cross no face) contribute to
+    red cells only; `add_couplings` adds those at black cells afterwards. `level`: record of the grid; `kind`:
+    `ELIMINATE`, `RESTRICT` or `RELAX`; `slab`: range of blocks of cells.
     """
     slots, ahead = level.slots, blocks_ahead(level)
     before, r, z = singles(level.before, slots), singles(level.r, slots), singles(level.z, slots)
@@ -177,10 +179,14 @@ def _multiply(
 def add_couplings(level: Row, kind: int, product: Singles) -> float:
     """Add the couplings to the results of a sweep over black cells, after all slabs; return the decrease of ``z.w``.
 
-    Couplings are edges that cross no face of the grid. ``z.w`` is the inner product of the correction ``z`` of the grid
-    with `product`, which `MULTIPLY` summed without couplings. `level`: record of the grid; `kind`: `ELIMINATE`,
-    `RESTRICT`, `RELAX` or `MULTIPLY`; `product` (slots,): result of `MULTIPLY`, updated. The decrease is 0 for the
-    other kinds.
+    Couplings are edges that cross no face of the grid; a slab is a part of the grid that one thread sweeps over.
+    `level`: record of the grid, whose field ``w`` holds the red values; `kind`: kind of the sweep. `ELIMINATE` adds the
+    currents through couplings to the residual ``r`` of the record and updates the relaxed residual ``before``;
+    `RESTRICT` adds them to the next level's right-hand side ``below_rhs``, and `RELAX` adds their relaxation to the
+    correction ``z``. Any other kind must be `MULTIPLY`, which subtracts them from `product`.
+
+    `product` (slots,): product ``w`` of the matrix with ``z`` over the black cells, for `MULTIPLY` only. The result is
+    the decrease of the inner product ``z.w`` due to the couplings, for `MULTIPLY`; 0 for the other kinds.
     """
     slots, joined, decrease = level.slots, level.joined, 0.0
     off_red, off_black = indices(level.off_red, joined), indices(level.off_black, joined)
@@ -206,7 +212,7 @@ def add_couplings(level: Row, kind: int, product: Singles) -> float:
 
 @inner
 def back_substitute(level: Row, slab: Slab) -> None:
-    """Compute the red cells of one slab from the solution at black cells, the vector ``before`` of the record.
+    """Compute the red cells of one slab, ``red``, from the solution at black cells, ``before``; both are in the record.
 
     `level`: record of the grid; `slab`: range of blocks of cells.
     """
