@@ -107,8 +107,9 @@ class Batch:
     def halve(self, weight: Floats) -> Batch:
         """Return the two halves of every box: first all lower halves, then all upper halves.
 
-        A box is cut in the middle of the joint with its largest weight. `weight` (n, m): displacement, in metres, by
-        every joint, of the pieces of the box's item with the smallest bound.
+        A box is cut in the middle of the range of the joint with the largest weight. `weight` (n, m): bound on the
+        distance, in metres, by which every joint moves the pieces of one item of the box within the box.  This item is
+        the one with the smallest bound on the distance between its pieces.
         """
         count = len(self)
         rows, joint = np.arange(count), weight.argmax(axis=1)
@@ -121,8 +122,9 @@ class Batch:
     def split_cells(self, group: Group, weight: Floats) -> Batch:
         """Return two parts of every box of several cells, cut between cells: first all lower parts, then the others.
 
-        The cut lies along the joint with the largest weight, among those with at least two cells. `weight` (n, m):
-        displacement, in metres, by every joint, of the pieces of the box's item with the smallest bound.
+        The range of the joint with the largest weight, among joints with at least two cells, is cut. `weight` (n, m):
+        bound on the distance, in metres, by which every joint moves the pieces of one item of the box within the box.
+        This item is the one with the smallest bound on the distance between its pieces.
         """
         count, size = len(self), self.high - self.low
         rows, axis = np.arange(count), np.where(size > 1, weight[:, list(group.joints)], -1.0).argmax(axis=1)
@@ -162,11 +164,12 @@ class Batch:
 
 
 def whole_block(group: Group, arrays: ProofArrays, pairs: Integers, low: Integers, high: Integers) -> Batch:
-    """Return a batch of one box, a whole block of cells, with items for all pairs of a group.
+    """Return a batch of one box, a whole block of cells, with items for all pairs of bodies of a group.
 
-    An item is a pair of convex hulls, or, if a body of the pair is loose, every pair of convex pieces.  `pairs` (p, 2):
-    bodies of all pairs of the tree; `low, high` (g,): index of the block's first cell, and of its last cell plus 1,
-    along every joint of the group.
+    An item is a pair of convex hulls, or, if a body of the pair is loose (its convex pieces have less than 0.8 of the
+    volume of its hull), every pair of convex pieces.  `group`: the group of pairs; `arrays`: arrays of the tree with
+    hulls and pieces; `pairs` (p, 2): bodies of all pairs of the tree; `low, high` (g,): index of the block's first
+    cell, and of its last cell plus 1, along every joint of the group.
     """
     bodies = pairs[group.pairs]
     items = np.column_stack([group.pairs, arrays.hull[bodies]])
