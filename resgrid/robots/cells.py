@@ -55,8 +55,7 @@ def half_widths(axes: Sequence[Axis], bounds: Bounds, reach: float, rule: Sampli
 
     The box is a point with the rule ``"centre"``, and otherwise the cell without its rounding margin (`rims`).  If the
     shape, dilated by `reach`, is thinner along an axis than two margins, the box is the cell plus the margin along that
-    axis, so that no cell is missed.
-    `bounds`: bounding box of the shape; `reach`: dilation of the shape, in axis units.
+    axis, so that no cell is missed.  `bounds`: bounding box of the shape; `reach`: dilation of the shape in axis units.
     """
     if rule == "centre":
         return (0.0,) * len(axes)
@@ -229,8 +228,9 @@ def outline(shape: Box | Polygon, axes: Sequence[Axis], reach: float) -> NDArray
     """Return the edges ``x0, y0, x1, y1`` of a polygon or rectangle, shape (e, 4), clipped far outside the grid.
 
     `axes`: x and y of the grid; `reach`: distance up to which the caller marks cells around the shape, in axis units.
-    The grid is enlarged on every side by a margin: `reach` plus the grid's largest side.  A ring with a corner more than
-    1000 margins outside the enlarged grid is clipped to the enlarged grid; other rings are not changed."""
+    The grid is enlarged on every side by a margin: `reach` plus the grid's largest side.  A ring with a corner more
+    than 1000 margins outside the enlarged grid is clipped to the enlarged grid; other rings are not changed.
+    """
     margin = reach + max(axis.upper - axis.lower for axis in axes)
     lower, upper = (axes[0].lower - margin, axes[1].lower - margin), (axes[0].upper + margin, axes[1].upper + margin)
     return edges_of([_clip_ring(ring, lower, upper, FAR * margin) for ring in rings_of(shape)])

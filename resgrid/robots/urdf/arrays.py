@@ -1,4 +1,4 @@
-"""Kinematic trees, convex pieces and pairs of bodies as flat arrays for the kernels."""
+"""Kinematic trees, convex pieces and pairs of bodies as flat arrays, the input of the compiled kernels."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Flags = NDArray[np.bool_]
 
 
 LOOSE = 0.8
-"""Ratio of the summed volume of a body's convex pieces to the volume of its hull; with a smaller ratio, a body is loose.
+"""Ratio of the summed volume of a body's convex pieces to the volume of its hull; below this ratio a body is loose.
 
 Proofs for a loose body start with its pieces; proofs for other bodies start with the hull.
 """

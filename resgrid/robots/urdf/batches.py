@@ -81,13 +81,13 @@ class Batch:
         return np.repeat(np.arange(len(self)), np.diff(self.first))
 
     def select(self, rows: Flags) -> Batch:
-        """Return the boxes in the mask `rows` (n,), with all their items."""
+        """Return the boxes for which `rows` (n,) is True, with all items of these boxes."""
         return self.keep(rows, np.repeat(rows, np.diff(self.first)))
 
     def keep(self, rows: Flags, items: Flags) -> Batch:
-        """Return the boxes in the mask `rows` (n,), with those of their items that are in the mask `items` (t,).
+        """Return the boxes for which `rows` (n,) is True, with their items for which `items` (t,) is True.
 
-        Items of other boxes must not be in the mask.
+        `items` must be False for the items of all other boxes.
         """
         per_box = np.bincount(self.boxes_of_items()[items], minlength=len(self))[rows]
         return Batch(
@@ -96,7 +96,7 @@ class Batch:
         )  # fmt: skip
 
     def twice(self) -> Batch:
-        """Return every box twice: all boxes, then all boxes again."""
+        """Return a batch with every box twice, with the same items: all boxes, then all boxes again."""
         first = np.concatenate([self.first, self.first[-1] + self.first[1:]])
         lower, upper, items, hints, owner, low, high = (
             np.concatenate([part, part])

@@ -1,4 +1,4 @@
-"""Collision tests along paths of a robot from a URDF file: distances and first collisions of exact solids."""
+"""`SolidTest`, the collision test of a robot from a URDF file: distances and first collisions of exact solids."""
 
 from __future__ import annotations
 
