@@ -152,7 +152,7 @@ class Arm(Robot):
         raise InputError("an arm on a map needs a [grid] for its joints")
 
     def check_axes(self, axes: Sequence[Axis]) -> None:
-        """Raise InputError unless there is one axis per joint, within the limits, or of a full turn if periodic."""
+        """Raise InputError unless every joint has an axis, within the joint's limits, of length 2 pi if periodic."""
         if len(axes) != self.ndim:
             raise InputError(f"an arm of {self.ndim} joints needs {self.ndim} axes, got {len(axes)}")
         for axis, limits in zip(axes, self.limits, strict=True):

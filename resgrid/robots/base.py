@@ -255,7 +255,8 @@ class Robot(ABC):
         obstacles : sequence of Shape
             Shapes in the plane, in metres.
         rule : {"conservative", "centre"}
-            A cell is blocked if any configuration in it may collide, or if its centre collides.
+            ``"conservative"``: a cell is blocked if any configuration in it may collide; ``"centre"``: a cell is
+            blocked if the configuration at its centre collides.
         progress : callable, optional
             Called as ``progress(done, total)`` with the finished and the total amount of work, in arbitrary units.
 

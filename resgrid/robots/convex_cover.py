@@ -227,8 +227,9 @@ def _parts(surface: NDArray[np.float64], most: int) -> list[_Part]:
 def _part(corners: NDArray[np.float64], box: NDArray[np.float64], least: float) -> _Part:
     """Return a part of a surface with its best cut: the cut with the largest gain (reduction of the cost).
 
-    The cut through the middle of the longest side counts with a third of the gain of the best cuts of its two halves.
-    This matters for rings: two halves have hulls as large as the ring's hull, four quarters have smaller hulls.
+    In a concave part, the cut through the middle of the longest side also counts, with a third of the summed gains of
+    the best cuts of both halves.  This matters for rings: two halves have hulls as large as the ring's hull, four
+    quarters have smaller hulls.
     `corners` (t, 3, 3): triangles in the box; `box` (2, 3): lower and upper corner; `least`: smallest useful gain, in
     cubic metres.
     """

@@ -47,7 +47,7 @@ _ROUNDING = 1e-9
 """Distance in metres by which a point may lie outside its piece due to rounding; beyond it AssertionError is raised."""
 
 _PLANE_ROUNDING = 1e-12
-"""Distance in metres outside the plane of a face up to which a point counts as inside of this plane."""
+"""Largest distance in metres outside the plane of a face for which a point counts as inside of the plane."""
 
 _BLOCK = 200_000
 """Maximum number of pairs of a point and a triangle that are held in memory at once."""

@@ -77,9 +77,9 @@ def _near_polygon(ax: float, ay: float, bx: float, by: float, reach: float, edge
 
 @inner
 def near_solids(ax: float, ay: float, bx: float, by: float, reach: float, solids: ObstacleArrays) -> bool:
-    """Return whether the segment from a to b comes within a distance `reach`, in metres, of one of the `solids`.
+    """Return whether the segment from a to b lies in one of the `solids`, or at most `reach` metres from one.
 
-    `ax, ay, bx, by`: coordinates of a and b, in metres.
+    `ax, ay, bx, by`: coordinates of a and b, in metres; `solids`: polygons, discs and half-planes.
     """
     left, right = min(ax, bx) - reach, max(ax, bx) + reach
     low, high = min(ay, by) - reach, max(ay, by) + reach

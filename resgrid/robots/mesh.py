@@ -19,7 +19,7 @@ from resgrid.errors import InputError
 from resgrid.robots.bounded import Bounded, Bounds
 
 MOST_PIECES = 256
-"""Largest value of the parameter `pieces` of a mesh, the maximum number of convex sets that cover it."""
+"""Largest permitted value of the parameter `pieces` of a mesh: the maximum number of convex sets that cover a mesh."""
 
 
 @checked
@@ -42,8 +42,8 @@ class Mesh(Bounded):
         Maximum number of convex sets, 1 to 256, that replace the mesh in proofs that a robot arm does not collide.
         1 is the convex hull, which fills concavities.
     table : mapping
-        The keys of the scene's table, with the absolute path of the file; empty for a mesh that was not read from a
-        file.
+        Keys and values of the table of a scene that defines the mesh, with the absolute path of the mesh file; empty
+        for a mesh that was not read from a file.
 
     Raises
     ------

@@ -37,8 +37,8 @@ class Voxels(Bounded):
     boxes : ndarray of int64, shape (b, 2, 3)
         Index of the first voxel of every box, and the index after its last voxel, along x, y and z.
     table : mapping
-        The keys of the scene's table, with the absolute path of the file; empty for voxels that were not read from a
-        file.
+        Keys and values of the table of a scene that defines the voxels, with the absolute path of the file of points
+        or voxels; empty for voxels that were not read from a file.
 
     Raises
     ------

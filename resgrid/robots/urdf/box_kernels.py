@@ -47,11 +47,11 @@ class Findings(NamedTuple):
     """Results of the test of n boxes with t items (pairs of convex pieces); the worst item has the smallest bound.
 
     `is_open` (t,): whether an item is not proven to stay apart; `touching` (t,): whether the pieces of an open item
-    overlap at the centre of the box, False if this was not tested; `weight` (n, m): displacement of the pieces of the
-    box's worst open item towards each other, in metres, by every moving joint, not written for a box without open
-    items; `probe` (n, m): configuration at which the pieces of the worst item overlap, in radians or metres, only
-    written if there is one; `probe_item` (n,): index of this item, -1 without such a configuration; `counts` (2,):
-    running numbers of evaluated bounds, and of tests of pieces at fixed configurations.
+    overlap at the centre of the box, False if this was not tested; `weight` (n, m): bound in metres, for every moving
+    joint, on the motion within the box of the pieces of the worst open item towards each other, not written for a box
+    without open items; `probe` (n, m): configuration at which the pieces of the worst item overlap, in radians or
+    metres, only written if there is one; `probe_item` (n,): index of the worst item, -1 without such a configuration;
+    `counts` (2,): running numbers of evaluated bounds, and of tests of pieces at fixed configurations.
     """
 
     is_open: Flags

@@ -1,4 +1,4 @@
-"""Verdicts (free, colliding, undecided) of a block of cells, for pairs that depend on the same joints.
+"""Verdicts (free, collision, undecided) of the cells of a block, for pairs of bodies that depend on the same joints.
 
 An *item* of a box of joint values is a pair of convex pieces, one of either body of a pair, that is not yet proven to
 stay apart while the joints move within the box.
@@ -222,7 +222,8 @@ class BlockProver:
 
         Numbers are in C order of the block.  `batch`, `likely`: boxes that are not proven, and configurations at which
         convex pieces overlap; `tests` (cells,): number of tests of every cell, increased by those made here; `whole`:
-        whether all items that overlap at the centre of a box are tested, otherwise only those of ``likely.item``.
+        True tests ``likely.item`` (at most one pair of pieces per box, with its configuration ``likely.probe``) and all
+        other pairs of pieces that overlap at the centre of a box; False tests only ``likely.item``.
         """
         rows = np.flatnonzero(likely.item >= 0)
         pairs, configurations, owners = batch.items[likely.item[rows], 0], likely.probe[rows], batch.owner[rows]

@@ -218,7 +218,7 @@ class URDFRobot(Robot):
         raise InputError("a robot arm does not move on a map; give it a [grid] for its joints")
 
     def check_axes(self, axes: Sequence[Axis]) -> None:
-        """Raise InputError unless there is one axis per moving joint, within its limits or a full turn if periodic."""
+        """Raise InputError unless every moving joint has one axis, within the joint's limits, 2 pi long if periodic."""
         if len(axes) != self.ndim:
             raise InputError(f"a robot with {self.ndim} moving joints needs {self.ndim} axes, got {len(axes)}")
         for axis, implied, name in zip(axes, self.implied_axes(), self.moving, strict=True):
