@@ -29,7 +29,7 @@ Progress = Callable[[int, int], object]
 """Progress callback ``progress(done, total)`` with the finished and the total amount of work, in arbitrary units."""
 
 FAR = 1e3
-"""Largest distance of a polygon's corners from the grid plus one margin for which rings are not clipped, in margins.
+"""Largest distance, in margins, of a polygon's corners from the grid enlarged by one margin for which it is unclipped.
 
 The margin is the largest side of the grid plus the distance up to which cells are marked around the polygon.
 """

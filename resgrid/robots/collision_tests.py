@@ -34,9 +34,10 @@ class CollisionTest(ABC):
 
     @abstractmethod
     def clearances(self, configurations: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return distances (n,) of the robot from the nearest obstacle, in metres, for configurations (n, ndim).
+        """Return distances (n,), in metres, to the nearest collision at each of the configurations (n, ndim).
 
-        The distance is 0 for a collision or contact, and infinite without obstacles.
+        Each is the smallest distance of the robot from an obstacle or, if the test includes self-collision, between two
+        of its bodies.  The distance is 0 for a collision or contact, and infinite if nothing can collide.
         """
 
     @abstractmethod

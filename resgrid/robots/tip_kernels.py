@@ -200,7 +200,7 @@ def _reachable_piece(
 
 @inner
 def _search_cell(work: _SearchArrays, links: ArmLinks, goal: ObstacleArrays, tolerance: float) -> bool:
-    """Return whether a cell contains a configuration with the tip in the goal region; write it to ``work.at``.
+    """Return whether a cell has a configuration with the tip in the goal region; write the solution to ``work.at``.
 
     ``work.middles[0]`` and ``work.halves[0]`` contain centre and half widths of the cell on entry; `tolerance`:
     distance in metres up to which the tip counts as in the region.  Branch and bound: a box (part of the cell) is

@@ -151,7 +151,7 @@ def tool_goal_cells(tree: KinematicTree, tool: str, axes: Sequence[Axis], goal: 
     lies in a goal cell.  Exceptions are cells in which the tool stays within 1e-9 m of the border of the goal without
     entering it, to within rounding errors, and cells in which more than `_MAX_BOXES` boxes stay undecided.
     `tool`: name of a link; `axes`: axes of the configuration space, one per moving joint.  Raise InputError, with the
-    closest pose, if there is no such cell.
+    smallest distance or excess angle that was found, if there is no goal cell.
     """
     searched = _tool_of(tree, tool)
     shape = tuple(axis.cells for axis in axes)
