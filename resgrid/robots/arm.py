@@ -1,4 +1,4 @@
-"""A planar arm of one to four links: its geometry and its kinematics."""
+"""`Arm`, the robot that is a planar arm of one to four links: kinematics, geometry, and cells of its joint space."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ from resgrid.robots.geometry import ArmLinks, Pose, RigidPart
 from resgrid.robots.shapes import Shape
 
 _ROUNDING = 1e-12
-"""Largest rounding error in the inverse kinematics, for sines, distances divided by the reach, and angles in rad."""
+"""Tolerance for rounding in the inverse kinematics: of sines and cosines, of distances / reach, of angles in rad."""
 
 _MOST_SOLUTIONS = 1_000_000
-"""Maximum number of solutions of the inverse kinematics, one per full turn within the limits; more raise InputError."""
+"""Maximum number of configurations per bend of the elbow that differ by full turns of joints; more raise InputError."""
 
 Angles = Literal["relative", "absolute"]
 Length = Annotated[float, Gt(0), Le(1e9)]
@@ -58,16 +58,16 @@ class Arm(Robot):
     base_angle : float
         Direction of joint angle 0, in radians from the x axis.
     angles : {"relative", "absolute"}
-        Whether a joint angle is measured from the previous link, or from the direction ``base_angle``.
+        Joint angles are relative to the previous link (the first one to ``base_angle``), or all to ``base_angle``.
     self_collision : bool
-        Whether a contact between links that are not adjacent is a collision.
+        True: a contact between links that are not adjacent is a collision.  False: links may cross.
     singularity_width : float or None
-        Width, in radians, of the virtual obstacle along the singularities of the Jacobian, where all links are
-        parallel and the tip cannot move along them (Connolly & Grupen 1992, section 4).  None: no such obstacle.  A
-        width of 0 blocks only the cells that contain singular configurations, which still separates the regions on
-        both sides.
+        Width, in radians of the bend between links, of the virtual obstacle (cells blocked without a collision) along
+        the singularities of the Jacobian, where all links are parallel (Connolly & Grupen 1992, section 4).  A width
+        of 0 blocks only the cells that contain singular configurations, which still separates the regions on both
+        sides.  None: no virtual obstacle, unless ``singularity_cells`` is set.
     singularity_cells : int or None
-        Width of the virtual obstacle along singularities, in cells; give at most one of the two widths.
+        The same width as a number of cells, or None.  At most one of the two widths may be set.
 
     Raises
     ------
@@ -152,7 +152,7 @@ class Arm(Robot):
         raise InputError("an arm on a map needs a [grid] for its joints")
 
     def check_axes(self, axes: Sequence[Axis]) -> None:
-        """Raise InputError unless there is one axis per joint, within the limits, or of a full turn if periodic."""
+        """Raise InputError unless every joint has an axis, within the joint's limits, of length 2 pi if periodic."""
         if len(axes) != self.ndim:
             raise InputError(f"an arm of {self.ndim} joints needs {self.ndim} axes, got {len(axes)}")
         for axis, limits in zip(axes, self.limits, strict=True):
@@ -170,7 +170,7 @@ class Arm(Robot):
                 )
 
     def directions(self, configurations: ArrayLike) -> NDArray[np.float64]:
-        """Return angles (..., n) of the links from the x axis for joint angles (..., n), both in radians."""
+        """Return angles (..., n) of the n links from the x axis for joint angles (..., n), both in radians."""
         turned = np.asarray(configurations, dtype=np.float64)
         if turned.shape[-1:] != (self.ndim,):
             raise InputError(f"this arm has {self.ndim} joints, but a configuration has shape {turned.shape}")
@@ -191,7 +191,7 @@ class Arm(Robot):
         return self.joints(configurations)[..., -1, :]
 
     def jacobian(self, configurations: ArrayLike) -> NDArray[np.float64]:
-        """Return Jacobians (..., 2, n) of the tip, in metres per radian, for joint angles (..., n) in radians."""
+        """Return Jacobians (..., 2, n) of the tip (rows x, y; columns joints), in m/rad, for joint angles (..., n)."""
         places = self.joints(configurations)
         lever = places[..., -1:, :] - places[..., :-1, :] if self.angles == "relative" else np.diff(places, axis=-2)
         return np.stack([-lever[..., 1], lever[..., 0]], axis=-2)
@@ -208,7 +208,7 @@ class Arm(Robot):
         -------
         ndarray of float64, shape (s, 2)
             Joint angles in radians within the limits, or in [-pi, pi) without limits: two solutions, elbow bent to the
-            left first, one if the arm is stretched or folded, none beyond the reach.  Limits wider than a full turn
+            left first, one if the arm is stretched or folded, none out of reach.  Limits wider than a full turn
             repeat a solution for every turn.  If equal links fold onto the base, link 1 points along ``base_angle``.
 
         Raises
@@ -242,7 +242,7 @@ class Arm(Robot):
         return np.array(solutions, dtype=np.float64).reshape(-1, 2)
 
     def parts(self, configurations: NDArray[np.float64]) -> list[RigidPart]:
-        """Return one rigid part per link for joint angles (m, n): segments (m,) and half the link's width as radius."""
+        """Return a rigid part per link for m configurations (m, n): m segments, and half the link's width as radius."""
         import shapely
 
         places = self.joints(configurations)
@@ -263,7 +263,7 @@ class Arm(Robot):
         return np.asarray((ends + turned * np.asarray(self.widths) / 2).max(axis=1))
 
     def pose(self, configuration: NDArray[np.float64]) -> Pose:
-        """Return position and differential kinematics of the links for joint angles `configuration` (n,), in radians.
+        """Return positions and velocities per joint rate of the n links for joint angles `configuration` (n,), in rad.
 
         Joint i rotates link i, and it rotates (relative angles) or translates (absolute angles) all later links.
         """
@@ -285,17 +285,17 @@ class Arm(Robot):
         return self.tip(configurations)
 
     def bare(self, *, self_collision: bool = True) -> Arm:
-        """Return the arm without virtual obstacles; `self_collision`: whether links may still collide with links."""
+        """Return the arm without virtual obstacles; `self_collision`: False also ignores contacts between links."""
         collides = self.self_collision and self_collision
         return replace(self, singularity_width=None, singularity_cells=None, self_collision=collides)
 
     def occupancy(
         self, axes: Sequence[Axis], obstacles: Sequence[Shape], rule: Sampling, progress: Progress | None = None
     ) -> NDArray[np.bool_]:
-        """Return the mask, shape of the grid, of blocked cells: cells with possible collisions, and `singular_cells`.
+        """Return the mask, shape of the grid, of cells with possible collisions or in the virtual obstacle.
 
-        With the rule ``"conservative"``, a cell is free only if no configuration in it collides.  With ``"centre"``
-        only the configuration at the centre is tested.  `obstacles`: in metres; `progress`: ``progress(done, total)``.
+        With the rule ``"conservative"``, no free cell contains a collision.  With ``"centre"`` only the configuration
+        at the centre is tested.  `obstacles`: in metres; `progress`: called as ``progress(done, total)``.
         """
         self.check_axes(axes)
         occupied = arm_occupancy(
@@ -304,12 +304,12 @@ class Arm(Robot):
         return occupied | self.singular_cells(axes)
 
     def singular_cells(self, axes: Sequence[Axis]) -> NDArray[np.bool_]:
-        """Return the mask of cells of the virtual obstacle along singularities of the Jacobian.
+        """Return the mask of cells that are blocked along singularities of the Jacobian (the virtual obstacle).
 
         The Jacobian of a planar arm loses rank where all links are parallel.  For two links, ``sin(theta_2) = 0``
         (relative angles) or ``sin(theta_2 - theta_1) = 0`` (absolute angles: diagonals of the configuration space).
         With three or more links, the singular set has codimension 2 or more and does not separate regions. The mask has
-        the shape of the grid or one that broadcasts to it; without a width of the obstacle, all is False.
+        the shape of the grid or one that broadcasts to it; all is False if both widths of the obstacle are None.
         """
         cells, singular = self.singularity_cells, np.ones((1,) * self.ndim, dtype=bool)
         if self.singularity_width is None and cells is None:
@@ -358,8 +358,8 @@ class Arm(Robot):
 def _pose_constants(arm: Arm) -> tuple[NDArray[Any], ...]:
     """Return five read-only arrays that all poses of an arm share.
 
-    Half widths (n,) in metres; link numbers (n,); `Pose.spin` (n, n); a matrix (n, n) with 1 for every link (row) and
-    link before it (column), else 0; `Pose.lever` (n, 2, n).
+    Half widths (n,) in metres; link numbers (n,); `spin` (n, n): 1 if the joint (column) rotates the link (row), else
+    0; (n, n): 1 for every link (row) and link before it (column), else 0; the field `lever` (n, 2, n) of `Pose`.
     """
     count = arm.ndim
     spin = np.tri(count) if arm.angles == "relative" else np.eye(count)

@@ -23,7 +23,9 @@ collision.
 """
 
 SLACK = 1e-12
-"""Bound on the rounding error of a distance, as a fraction of the largest coordinate of arm and obstacles."""
+"""Bound on the rounding error of a distance, as a fraction of the largest length among the arm's reach and the absolute
+coordinates of its base and of the obstacles.
+"""
 
 TOLERANCE = 1e-9
 """Largest distance of the tip from the goal region at which the tip counts as inside, as a fraction of the arm's
@@ -42,8 +44,9 @@ def arm_occupancy(
     No cell with a collision is marked free.  With ``"centre"``, only the configuration at the centre is tested.  The
     links are tested from the base outwards: a cell of the first joints that collides is blocked for all angles of the
     further joints.
-    `obstacles`: shapes in metres; `progress`: called as ``progress(done, total)``; `self_collision`: whether contacts
-    of links that are not adjacent are collisions.
+    `links`: the arm; `axes`: one axis per joint, in radians; `obstacles`: shapes in metres; `progress`: called as
+    ``progress(done, total)`` with numbers of tested cells; `self_collision`: whether contacts of links that are not
+    adjacent are collisions.
     """
     from resgrid.robots.kernels import mark_link
 
@@ -76,7 +79,8 @@ def arm_goal_cells(links: ArmLinks, axes: tuple[Axis, ...], region: Shape | Poin
     The tip may be outside the region by 1e-9 of the arm's reach.  A cell is excluded if an upper bound on the motion of
     the tip within the cell shows that the tip stays outside.  A cell is also excluded if the search is still undecided
     after 200,000 subdivisions; in such a cell the tip touches the border of the region to within rounding error.
-    `region`: shape or point in the plane, in metres.
+    `links`: the arm; `axes`: one axis per joint, in radians; `region`: shape or point in the plane, in metres.  Raise
+    InputError for a region that the tip cannot reach at any joint angles.
     """
     from resgrid.robots.tip_kernels import find_goal_cells
 

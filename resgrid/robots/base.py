@@ -30,13 +30,16 @@ BATCH = 4096
 """Number of configurations that one vectorized collision test takes; larger grids are tested in several batches."""
 
 SLACK = 1e-9
-"""Relative safety margin of the distance test of whole cells: a fraction of the largest motion within a cell.
+"""Safety margin of the distance test of whole cells, as a fraction of the largest motion within a cell.
 
-A cell is free if the distance from obstacles exceeds the motion by this margin and by that of `ULPS`.
+A cell is free if, at its centre, the distance of the robot from obstacles exceeds the largest motion of a point of the
+robot from there to any configuration in the cell, plus this margin, plus the rounding margin `ULPS`.
 """
 
 ULPS = 64
-"""Safety margin of the distance test of whole cells, in units in the last place of the largest coordinate."""
+"""Safety margin of the distance test of whole cells against rounding, in units in the last place (ulp) of the largest
+absolute coordinate of the grid and the obstacles.
+"""
 
 
 class Robot(ABC):
@@ -67,7 +70,8 @@ class Robot(ABC):
     """Whether configurations are positions in the workspace, so that periodic axes apply to the workspace too."""
 
     workspace_ndim: ClassVar[int] = 2
-    """Number of coordinates of the workspace, unless configurations are positions: 2 in the plane, 3 in space."""
+    """Number of coordinates of the workspace: 2 in the plane, 3 in space.  Not used if `moves_in_workspace` is True,
+    because the workspace then has as many coordinates as the configuration space."""
 
     reference: ClassVar[str] = "reference point"
     """Name of the point of the robot whose position a goal prescribes."""
@@ -162,9 +166,10 @@ class Robot(ABC):
         """
 
     def pose(self, configuration: NDArray[np.float64]) -> Pose:  # noqa: ARG002
-        """Return position and kinematics of the robot in a `configuration`, shape (ndim,), for contact computations.
+        """Return positions and velocities per axis rate of the robot's segments in one `configuration`, shape (ndim,).
 
-        Raise InputError by default.  A subclass of one rigid body can return `Pose.of_body`.
+        Contact computations need this pose.  The default raises InputError.  A subclass of one rigid body can return
+        `Pose.of_body`.
         """
         name = type(self).__name__
         raise InputError(f"{name} has no pose for contacts with obstacles; implement {name}.pose(configuration)")
@@ -198,7 +203,7 @@ class Robot(ABC):
         return Axis(name, 0.0, tau * self.turning_length, cells, periodic=True)
 
     def implied_axes(self) -> tuple[dict[str, Any], ...]:
-        """Return default values of a scene's axis keys, one dict from key to value per axis.
+        """Return default values of a scene's axis keys (name, lower, upper, periodic, unit), one dict per axis.
 
         The result is empty if the scene must define all axes.  A robot that turns has the axes x, y and heading.
         """
@@ -250,7 +255,8 @@ class Robot(ABC):
         obstacles : sequence of Shape
             Shapes in the plane, in metres.
         rule : {"conservative", "centre"}
-            A cell is blocked if any configuration in it may collide, or if its centre collides.
+            ``"conservative"``: a cell is blocked if any configuration in it may collide; ``"centre"``: a cell is
+            blocked if the configuration at its centre collides.
         progress : callable, optional
             Called as ``progress(done, total)`` with the finished and the total amount of work, in arbitrary units.
 
@@ -292,19 +298,21 @@ class Robot(ABC):
         progress: Progress | None = None,
         executor: Executor | None = None,  # noqa: ARG002
     ) -> CellClasses:
-        """Return the blocked cells, and, if the robot distinguishes them, those of which nothing is proven.
+        """Return the blocked cells, and which of them are undecided: neither free nor in collision by any proof.
 
-        By default these are the cells of `occupancy`, and `CellClasses.undecided` is None.  `axes`, `obstacles`,
-        `rule`, `progress`: parameters of `occupancy`; `executor`: executor that shares the work, for robots that can
-        use one; None for this process.
+        By default the blocked cells are those of `occupancy`, and `CellClasses.undecided` is None (not distinguished).
+        `axes`: axes of the configuration space; `obstacles`: shapes in the workspace, in metres; `rule`: whether the
+        whole cell (``"conservative"``) or only its centre (``"centre"``) is tested; `progress`: called as
+        ``progress(done, total)``; `executor`: executor that shares the work, for robots that can use one; None for the
+        calling process alone.
         """
         return CellClasses(self.occupancy(axes, obstacles, rule, progress))
 
     def collision_test(self, axes: Sequence[Axis], obstacles: Sequence[Shape]) -> CollisionTest:
         """Return a test of the robot among obstacles at single configurations, with exact geometry.
 
-        By default the test is that of robots of the plane.  `axes`: axes of the configuration space; `obstacles`:
-        shapes in the coordinates of the space.
+        By default, robot and obstacles must be shapes of the plane.  `axes`: axes of the configuration space;
+        `obstacles`: shapes in workspace coordinates, in metres.
         """
         solids = obstacles_of(obstacles, self.workspace_axes(axes))
         return PlanarTest(lambda configurations: self.parts(self.within_seams(axes, configurations)), solids)

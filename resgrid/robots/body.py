@@ -1,4 +1,4 @@
-"""Conversion of shapes in space to bodies: exact solids for collision tests, convex pieces for proofs."""
+"""Conversion of shapes in space to exact solids for collision tests, and to bodies, which add convex covers."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _NO_POINTS, _NO_TRIANGLES = np.empty((0, 3)), np.empty((0, 3), np.int32)
 
 
 def bodies_of(shape: Shape, name: str, padding: float = 0.0) -> tuple[Body, ...]:
-    """Return a shape in space as bodies that do not move.
+    """Return a shape in space as bodies that do not move: exact solids with convex pieces that contain them.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ def bodies_of(shape: Shape, name: str, padding: float = 0.0) -> tuple[Body, ...]
     Returns
     -------
     tuple of Body
-        One body; of `Voxels` one body for every box.
+        One body; for `Voxels`, one body for every box of occupied voxels.
 
     Raises
     ------
@@ -57,8 +57,8 @@ def bodies_of(shape: Shape, name: str, padding: float = 0.0) -> tuple[Body, ...]
 def solid_of(shape: Shape, name: str) -> Solid:
     """Return a shape with three coordinates as one exact solid, in the frame of the world, in metres.
 
-    `name`: name of the shape, for messages. Raises InputError for axis-aligned boxes and voxels, of which `bodies_of`
-    makes bodies, and for shapes that are no solids in space.
+    `name`: name of the shape, for messages. Raises InputError for axis-aligned boxes and voxels, which `bodies_of`
+    converts directly to bodies, and for shapes that are not solids in space.
     """
     match shape:
         case Ball(centre, radius):

@@ -1,4 +1,4 @@
-"""Distances of the cells of a grid from marked cells, by Euclidean distance transforms."""
+"""Distances of all cells of a grid from its marked cells, by Euclidean distance transforms."""
 
 from __future__ import annotations
 
@@ -16,8 +16,9 @@ _CELLS_AT_ONCE = 1 << 20
 def near_boxes(
     mask: NDArray[np.bool_], spacing: NDArray[np.float64], reach: float, rule: Literal["conservative", "centre"]
 ) -> NDArray[np.bool_]:
-    """Return the mask of cells whose box, or centre, lies within a distance of a marked box; shape of `mask`.
+    """Return the mask of cells whose box, or centre, lies within a distance of a marked cell's box; shape of `mask`.
 
+    The box of a cell is the closed set of points that the cell covers.
     `mask`: marked cells of a grid; `spacing` (ndim,): cell widths in axis units; `reach`: distance in axis units;
     `rule`: ``"conservative"`` to measure from the box of a cell, ``"centre"`` to measure from its centre.  The grid is
     processed in bands along the first axis, together with the cells within the distance, to limit the memory.
@@ -38,8 +39,9 @@ def near_boxes(
 def distance_from_boxes(
     mask: NDArray[np.bool_], spacing: NDArray[np.float64], rule: Literal["conservative", "centre"]
 ) -> NDArray[np.float64]:
-    """Return the distance from every cell's box, or centre, to the nearest marked box; shape of `mask`, in axis units.
+    """Return the distance, in axis units, from every cell's box or centre to the nearest marked cell's box.
 
+    The result has the shape of `mask`.  The box of a cell is the closed set of points that the cell covers.
     `mask`: marked cells of a grid, at least one; `spacing` (ndim,): cell widths; `rule`: ``"conservative"`` to measure
     from the box of a cell, ``"centre"`` to measure from its centre.
     Along an axis, the gap of two boxes with index difference ``d`` is ``max(|d| - 1, 0)`` cells, which is the distance

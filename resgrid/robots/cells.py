@@ -1,4 +1,4 @@
-"""Cells of a configuration space within a distance of a shape, and cells that meet a goal's shape or point."""
+"""Cells of a grid within a distance of a shape (obstacles), or that meet a shape or point (goals, with solutions)."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ Progress = Callable[[int, int], object]
 """Progress callback ``progress(done, total)`` with the finished and the total amount of work, in arbitrary units."""
 
 FAR = 1e3
-"""Distance of a corner from the grid above which a polygon's rings are clipped, relative to a margin.
+"""Largest distance, in margins, of a polygon's corners from the grid enlarged by one margin for which it is unclipped.
 
 The margin is the largest side of the grid plus the distance up to which cells are marked around the polygon.
 """
@@ -55,8 +55,7 @@ def half_widths(axes: Sequence[Axis], bounds: Bounds, reach: float, rule: Sampli
 
     The box is a point with the rule ``"centre"``, and otherwise the cell without its rounding margin (`rims`).  If the
     shape, dilated by `reach`, is thinner along an axis than two margins, the box is the cell plus the margin along that
-    axis, so that no cell is missed.
-    `bounds`: bounding box of the shape; `reach`: dilation of the shape, in axis units.
+    axis, so that no cell is missed.  `bounds`: bounding box of the shape; `reach`: dilation of the shape in axis units.
     """
     if rule == "centre":
         return (0.0,) * len(axes)
@@ -148,8 +147,8 @@ def _clip(index: float, cells: int) -> int:
 def _near_round(shape: Box | Ball, centres: Grids, half: Sequence[float], reach: float) -> NDArray[np.bool_]:
     """Return the mask, shape of a block of cells, of cells whose tested box is within a distance of a box or ball.
 
-    `centres`: cell centres; `half` (ndim,): half the widths of the box that is tested in place of a cell,
-    0 to test only the centre; `reach`: distance; lengths are in axis units.
+    `centres`: cell centres, an array per axis; `half` (ndim,): half the widths of the box that is tested in place of a
+    cell, 0 to test only the centre; `reach`: distance; lengths are in axis units.
     """
     lower, upper = (shape.centre, shape.centre) if isinstance(shape, Ball) else shape.bounds
     within = reach + shape.radius if isinstance(shape, Ball) else reach
@@ -163,8 +162,8 @@ def _near_round(shape: Box | Ball, centres: Grids, half: Sequence[float], reach:
 def near_half_space(shape: HalfSpace, centres: Grids, half: Sequence[float], reach: float) -> NDArray[np.bool_]:
     """Return the mask, shape of a block of cells, of cells whose tested box is within a distance of a half-space.
 
-    `centres`: cell centres; `half` (ndim,): half the widths of the box that is tested in place of a cell,
-    0 to test only the centre; `reach`: distance; lengths are in axis units.
+    `centres`: cell centres, an array per axis; `half` (ndim,): half the widths of the box that is tested in place of a
+    cell, 0 to test only the centre; `reach`: distance; lengths are in axis units.
     """
     smallest = np.zeros((1,) * len(half))
     for centre, side, component in zip(centres, half, shape.normal, strict=True):
@@ -212,8 +211,8 @@ def _mark_polygon(
     """Mark, in place, the cells within a distance of a polygon.
 
     A cell meets a polygon if it meets the outline, or if the polygon encloses the cell's centre.
-    `out`: mask, shape of the grid; `axes`: axes of the grid; `half` (2,): half the size of the box that is tested per
-    cell; `reach`: distance; lengths are in axis units.
+    `out`: mask, shape of the grid; `axes`: axes of the grid; `half` (2,): half the size of the box that is tested in
+    place of a cell, 0 to test only the centre; `reach`: distance; lengths are in axis units.
     """
     from resgrid.robots.kernels import CellPlane, mark_enclosed, mark_parallelograms
 
@@ -228,8 +227,9 @@ def _mark_polygon(
 def outline(shape: Box | Polygon, axes: Sequence[Axis], reach: float) -> NDArray[np.float64]:
     """Return the edges ``x0, y0, x1, y1`` of a polygon or rectangle, shape (e, 4), clipped far outside the grid.
 
-    `reach`: distance up to which the caller marks cells around the shape, in axis units.  The margin is this distance
-    plus the grid's largest side; a ring with a corner beyond `FAR` margins is clipped to the grid with the margin.
+    `axes`: x and y of the grid; `reach`: distance up to which the caller marks cells around the shape, in axis units.
+    The grid is enlarged on every side by a margin: `reach` plus the grid's largest side.  A ring with a corner more
+    than 1000 margins outside the enlarged grid is clipped to the enlarged grid; other rings are not changed.
     """
     margin = reach + max(axis.upper - axis.lower for axis in axes)
     lower, upper = (axes[0].lower - margin, axes[1].lower - margin), (axes[0].upper + margin, axes[1].upper + margin)
@@ -237,10 +237,11 @@ def outline(shape: Box | Polygon, axes: Sequence[Axis], reach: float) -> NDArray
 
 
 def _clip_ring(ring: tuple[Point, ...], lower: Point, upper: Point, far: float) -> Sequence[Point]:
-    """Return the corners of a ring (closed polyline) clipped to a box (Sutherland and Hodgman, 1974).
+    """Return the corners of a ring (closed polyline), clipped to a box only if a corner lies far outside the box.
 
-    `lower, upper`: corners of the box.  A ring with all corners within a distance `far` of the box is not changed.  For
-    a ring outside the box, the result is the single point `lower`.
+    `lower, upper`: corners of the box; `far`: axis units.  The ring is returned unchanged if no corner lies more than
+    `far` outside the box along any axis.  Otherwise the ring is clipped (Sutherland and Hodgman, 1974); the result is
+    the single point `lower` if no part of the ring lies in the box.
     """
     beyond = max(max(low - c, c - high) for point in ring for c, low, high in zip(point, lower, upper, strict=True))
     if beyond <= far:

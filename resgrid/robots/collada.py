@@ -34,8 +34,8 @@ _IGNORED = ("lines", "linestrips", "points")
 class _Document:
     """A COLLADA document: its elements by their identifier, and the name of the file in messages.
 
-    `root`: root element, with names without namespace; `name`: name of the file; `by_id`: lists of elements with equal
-    attribute ``id``.
+    `root`: root element, with names without namespace; `name`: name of the file; `by_id`: for every value of the
+    attribute ``id``, the list of elements with this value.
     """
 
     def __init__(self, root: Element, name: str) -> None:
@@ -85,7 +85,7 @@ class _Document:
 
 
 def read_collada(data: bytes, name: str) -> Triangles:
-    """Return vertices (v, 3) in metres and triangles (t, 3) of the bytes of a COLLADA file.
+    """Return vertices (v, 3) in metres and triangles (t, 3), indices of vertices, of the bytes of a COLLADA file.
 
     The unit of the file is applied; the up axis is ignored, as in ROS.
 
@@ -194,7 +194,10 @@ _TRANSFORMATIONS: dict[str, tuple[int, Callable[[NDArray[np.float64]], NDArray[n
 
 
 def _primitives(document: _Document, geometry: Element) -> Iterator[Triangles]:
-    """Yield the vertices and triangles of every primitive of a geometry; raise InputError for splines."""
+    """Yield the vertices (v, 3), in the file's unit, and triangles (t, 3) of every primitive of a geometry.
+
+    Triangles are indices of vertices.  Raise InputError for splines and other elements that are not polygons.
+    """
     mesh = geometry.find("mesh")
     if mesh is None:
         raise document.error(f"geometry {geometry.get('id')!r} is not a mesh")

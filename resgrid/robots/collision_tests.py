@@ -1,4 +1,4 @@
-"""Collision tests of a robot among obstacles at given configurations, with exact geometry."""
+"""Interface of exact tests of a robot among obstacles (first collision, clearances), and the test in the plane."""
 
 from __future__ import annotations
 
@@ -18,8 +18,9 @@ PartsOf = Callable[[NDArray[np.float64]], list[RigidPart]]
 class Hit(NamedTuple):
     """First collision in a sequence of configurations.
 
-    `row`: index of the configuration; `part`: index of the robot's part or body; `obstacle`: index of the obstacle,
-    None for a collision of the robot with itself; `names`: names of both bodies, None for robots of the plane.
+    `row`: index of the configuration in the sequence; `part`: index of the robot's rigid part or body that collides;
+    `obstacle`: index of the obstacle, None for a collision of the robot with itself; `names`: names of the two bodies
+    that collide, None for robots of the plane.
     """
 
     row: int
@@ -29,13 +30,14 @@ class Hit(NamedTuple):
 
 
 class CollisionTest(ABC):
-    """A robot among obstacles, whose configurations can be tested."""
+    """Interface of a robot among fixed obstacles that is tested for collisions at given configurations."""
 
     @abstractmethod
     def clearances(self, configurations: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return distances (n,) to the nearest collision, in workspace units, for configurations (n, ndim).
+        """Return distances (n,), in metres, to the nearest collision at each of the configurations (n, ndim).
 
-        The distance is 0 for a collision or contact, and infinite without obstacles.
+        Each is the smallest distance of the robot from an obstacle or, if the test includes self-collision, between two
+        of its bodies.  The distance is 0 for a collision or contact, and infinite if nothing can collide.
         """
 
     @abstractmethod
@@ -46,7 +48,7 @@ class CollisionTest(ABC):
 class PlanarTest(CollisionTest):
     """A robot of the plane among obstacles, tested with shapely.
 
-    `parts`: function that returns the robot's rigid parts; `obstacles`: the obstacles.
+    `parts`: function from configurations (n, ndim) to the robot's rigid parts; `obstacles`: the obstacles.
     """
 
     def __init__(self, parts: PartsOf, obstacles: Sequence[Obstacle]) -> None:

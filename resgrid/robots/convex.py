@@ -51,7 +51,7 @@ class Solid:
         Pose in the frame of the body.  Boxes and balls are centred at the origin of this pose; cylinders and capsules
         too, with their axis along z; a half-space is the set z <= 0.
     points : ndarray of float64, shape (v, 3)
-        Vertices of a mesh, in metres; empty for other kinds.
+        Vertices of a mesh, in metres, in the frame of `placement`; empty for other kinds.
     triangles : ndarray of int32, shape (t, 3)
         Indices of the three vertices of every triangle of a mesh; empty for other kinds.
     """

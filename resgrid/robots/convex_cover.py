@@ -1,4 +1,4 @@
-"""Convex covers of solids: few convex pieces whose union contains the solid."""
+"""Bodies with convex covers: few convex pieces whose union contains an exact solid."""
 
 from __future__ import annotations
 
@@ -186,7 +186,8 @@ class _Part:
     """A part of a surface inside a box.
 
     `corners` (t, 3, 3): clipped triangles of the surface in the box; `box` (2, 3): lower and upper corner, infinite
-    where no cut bounds the box; `cut`: the cut of this part with the largest estimated gain.
+    where no cut bounds the box; `cut`: the cut of this part with the largest estimated gain, the reduction of the cost
+    (volume of the hulls plus weighted depth of the surface below them) in cubic metres.
     """
 
     corners: NDArray[np.float64]
@@ -208,9 +209,10 @@ def _axes(points: NDArray[np.float64], corners: NDArray[np.float64]) -> NDArray[
 
 
 def _parts(surface: NDArray[np.float64], most: int) -> list[_Part]:
-    """Return at most `most` parts of a surface (t, 3, 3); repeatedly cut the part whose cut gains most.
+    """Return at most `most` parts of a surface (t, 3, 3); repeatedly cut the part whose cut reduces the cost most.
 
-    The division ends when no cut gains more than `_LEAST_GAIN` of the volume of the surface's hull.
+    The cost is the volume of the parts' hulls plus the weighted depth of the surface below them.  The division ends
+    when no cut reduces the cost by more than `_LEAST_GAIN` times the volume of the surface's hull.
     """
     least = _LEAST_GAIN * facets_of(surface.reshape(-1, 3)).volume
     parts = [_part(surface, np.array([[-np.inf] * 3, [np.inf] * 3]), least)]
@@ -223,11 +225,13 @@ def _parts(surface: NDArray[np.float64], most: int) -> list[_Part]:
 
 
 def _part(corners: NDArray[np.float64], box: NDArray[np.float64], least: float) -> _Part:
-    """Return a part of a surface with the cut that gains most, alone or on average with two further cuts after it.
+    """Return a part of a surface with its best cut: the cut with the largest gain (reduction of the cost).
 
-    The further cuts matter for rings: two halves have hulls as large as the ring's hull, four quarters have smaller
-    ones.  `corners` (t, 3, 3): triangles in the box; `box` (2, 3): lower and upper corner; `least`: smallest useful
-    gain, in cubic metres.
+    In a concave part, the cut through the middle of the longest side also counts, with a third of the summed gains of
+    the best cuts of both halves.  This matters for rings: two halves have hulls as large as the ring's hull, four
+    quarters have smaller hulls.
+    `corners` (t, 3, 3): triangles in the box; `box` (2, 3): lower and upper corner; `least`: smallest useful gain, in
+    cubic metres.
     """
     cut = best_cut(corners)
     if is_concave(corners, least):
@@ -281,7 +285,7 @@ def _mesh_volume(corners: NDArray[np.float64]) -> float:
 
 
 def _check_cover(points: NDArray[np.float64], cover: tuple[ConvexPiece, ...]) -> None:
-    """Raise AssertionError unless every vertex (v, 3) lies within 1e-9 m of a piece."""
+    """Raise AssertionError unless every vertex (v, 3) lies in a piece or at most 1e-9 m outside."""
     gaps = np.min([distances(points, facets_of(piece.points)) - piece.radius for piece in cover], axis=0)
     if gaps.max() > 1e-9:
         raise AssertionError(f"a vertex lies {gaps.max()} m outside the convex cover")

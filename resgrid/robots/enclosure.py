@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 ESCAPES = 0.1
-"""Fraction of rays from a point that miss the surface, from which on the point counts as outside.
+"""Smallest fraction of rays from a point that miss the surface for which the point counts as outside.
 
-Below this fraction it counts as inside, so that small holes in the surface do not matter.
+With a smaller fraction the point counts as inside, so that small holes in the surface do not matter.
 """
 
 _RAYS = 128

@@ -1,4 +1,4 @@
-"""Robots and obstacles of the plane as exact geometry for shapely, and as plain arrays for compiled kernels.
+"""Robots and obstacles of the plane as shapely geometry and as arrays for compiled kernels; periodic images of shapes.
 
 A link with a width is a segment with a radius, and a disc is a point with a radius.  Distances are therefore exact and
 not affected by polygons that approximate circles.
@@ -171,7 +171,7 @@ class ObstacleArrays(NamedTuple):
 
 
 def obstacle_arrays(shapes: Iterable[Shape], axes: Sequence[Axis] = ()) -> ObstacleArrays:
-    """Return shapes of the plane as arrays, for kernels; a set of cells becomes boxes.
+    """Return shapes of the plane as arrays, for kernels; a set of cells becomes boxes, voxels (in space) are left out.
 
     `axes`: axes of the plane, empty for a plane that is not periodic.  On periodic axes, the arrays contain all
     periodic images of a shape that come within one period of the grid.

@@ -1,4 +1,7 @@
-"""Convex hulls of points in space as convex pieces with few corners, for flat and degenerate point sets too."""
+"""Convex hulls of points in space as convex pieces with few corners, and distances of points from hulls.
+
+Points in a plane, on a line or in one place have hulls, too.
+"""
 
 from __future__ import annotations
 
@@ -14,14 +17,14 @@ from resgrid.robots.convex import ConvexPiece
 TOLERANCE = 2e-4
 """Largest distance, in metres, between an omitted corner and the hull of the corners that a piece retains.
 
-The piece gets the largest distance that occurs as its radius, so that it still contains all points.
+The radius of the piece is the largest distance that occurs, so that the piece still contains all points.
 """
 
 _FEW = 16
-"""Number of corners up to which a hull retains all corners."""
+"""Largest number of corners of a hull for which all corners are retained."""
 
 _MANY = 96
-"""Number of retained corners from which on `_COARSE` times the tolerance is accepted.
+"""Smallest number of retained corners for which `_COARSE` times the tolerance is accepted.
 
 The cost of proofs grows with the number of corners.
 """
@@ -30,19 +33,21 @@ _COARSE = 10
 """Ratio of the tolerance for hulls of at least `_MANY` retained corners to that for hulls of fewer corners."""
 
 _BATCH = 0.9
-"""Fraction of the largest distance from the present hull above which corners are added in one step.
+"""Fraction of the largest distance of any corner from the present hull; one step adds only corners farther than this.
 
 A lower fraction adds corners that the hull no longer needs after the step.
 """
 
 _FLAT = 1e-9
-"""Extent of a point set along a principal axis, as a fraction of the largest one, below which it counts as flat."""
+"""Largest extent of a point set along a principal axis for which the set counts as flat along this axis, as a fraction
+of the largest extent along a principal axis.
+"""
 
 _ROUNDING = 1e-9
 """Distance in metres by which a point may lie outside its piece due to rounding; beyond it AssertionError is raised."""
 
 _PLANE_ROUNDING = 1e-12
-"""Distance in metres outside the plane of a face up to which a point counts as inside of this plane."""
+"""Largest distance in metres outside the plane of a face for which a point counts as inside of the plane."""
 
 _BLOCK = 200_000
 """Maximum number of pairs of a point and a triangle that are held in memory at once."""

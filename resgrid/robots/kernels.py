@@ -77,9 +77,9 @@ def _near_polygon(ax: float, ay: float, bx: float, by: float, reach: float, edge
 
 @inner
 def near_solids(ax: float, ay: float, bx: float, by: float, reach: float, solids: ObstacleArrays) -> bool:
-    """Return whether the segment from a to b comes within a distance `reach`, in metres, of one of the `solids`.
+    """Return whether the segment from a to b lies in one of the `solids`, or at most `reach` metres from one.
 
-    `ax, ay, bx, by`: coordinates of a and b, in metres.
+    `ax, ay, bx, by`: coordinates of a and b, in metres; `solids`: polygons, discs and half-planes.
     """
     left, right = min(ax, bx) - reach, max(ax, bx) + reach
     low, high = min(ay, by) - reach, max(ay, by) + reach
@@ -271,7 +271,9 @@ def _ends_of_segment(ax: float, ay: float, bx: float, by: float, low: float, hig
 def mark_parallelograms(out: Flags, pieces: Floats, reach: float, plane: CellPlane) -> None:
     """Mark the cells whose tested box comes within a distance `reach`, in metres, of one of p parallelograms.
 
-    `out` (columns, rows): mask; `pieces` (p, 6): a corner and two edge vectors of each parallelogram; `plane`: grid.
+    The tested box has the half widths ``plane.half_x, plane.half_y`` around the cell's centre: about the whole cell, or
+    0 to test only the centre.  `out` (columns, rows): mask, row 0 at the lowest y, in which cells are set to True;
+    `pieces` (p, 6): x and y of a corner and of two edge vectors of each parallelogram, in metres; `plane`: grid.
     The set of points within the distance is convex, so that in each row the marked cells form one interval.  The ends
     of the interval lie on circles around the corners or on edges shifted outwards.
     """
@@ -315,9 +317,9 @@ def mark_parallelograms(out: Flags, pieces: Floats, reach: float, plane: CellPla
 def mark_enclosed(out: Flags, edges: Floats, plane: CellPlane) -> None:
     """Mark the cells whose centres lie inside closed rings of edges, by the even-odd rule.
 
-    `out` (columns, rows): mask, in which enclosed cells are set to True; `edges` (e, 4): end points ``x0, y0, x1, y1``
-    in metres; `plane`: grid.  In every row, each edge that crosses the row toggles all cells to the right of the
-    crossing.
+    `out` (columns, rows): mask, row 0 at the lowest y, in which enclosed cells are set to True; `edges` (e, 4): end
+    points ``x0, y0, x1, y1`` in metres; `plane`: grid.  In every row, each edge that crosses the line through the
+    row's cell centres toggles all cells to the right of the crossing.
     """
     columns, rows = out.shape
     flips = np.zeros(columns + 1, dtype=np.bool_)

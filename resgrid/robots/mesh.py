@@ -19,7 +19,7 @@ from resgrid.errors import InputError
 from resgrid.robots.bounded import Bounded, Bounds
 
 MOST_PIECES = 256
-"""Largest value of the parameter `pieces` of a mesh, the maximum number of convex sets that cover it."""
+"""Largest permitted value of the parameter `pieces` of a mesh: the maximum number of convex sets that cover a mesh."""
 
 
 @checked
@@ -39,11 +39,11 @@ class Mesh(Bounded):
     triangles : ndarray of int32, shape (t, 3)
         Indices of the three vertices of every triangle.
     pieces : int
-        Largest number of convex sets that cover the mesh in proofs for robot arms, 1 to 256.  One is the convex hull,
-        which fills concavities.
+        Maximum number of convex sets, 1 to 256, that replace the mesh in proofs that a robot arm does not collide.
+        1 is the convex hull, which fills concavities.
     table : mapping
-        The keys of the scene's table, with the absolute path of the file; empty for a mesh that was not read from a
-        file.
+        Keys and values of the table of a scene that defines the mesh, with the absolute path of the mesh file; empty
+        for a mesh that was not read from a file.
 
     Raises
     ------
@@ -143,7 +143,7 @@ class Mesh(Bounded):
         return np.column_stack(np.divmod(surplus, len(self.points)))
 
     def shifted(self, by: Point) -> Mesh:
-        """Return the mesh translated by the vector `by`, in axis units."""
+        """Return the mesh translated by the vector `by`, in axis units, with an empty `table`."""
         return Mesh(self.points + np.asarray(by), self.triangles, self.pieces)
 
 

@@ -1,4 +1,4 @@
-"""Cells of a grid within a distance of a mesh: its surface triangle by triangle, its inside by winding numbers."""
+"""Cells of a grid within a distance of a mesh: tests of boxes against triangles, and of centres by winding numbers."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ def near_mesh(
 
     The result is exact up to rounding: a box is left out if a plane separates it from every triangle by more than
     `reach`.
-    `grids`: cell centres; `half` (3,): half the widths of the box that is tested in place of a cell, 0 to
-    test only the centre; `reach`: distance; `spacing` (3,): distances between centres; all in axis units.
+    `grids`: cell centres, an array per axis; `half` (3,): half the widths of the box that is tested in place of a cell,
+    0 to test only the centre; `reach`: distance; `spacing` (3,): distances between centres; all in axis units.
     """
     lines = [np.asarray(grid).reshape(-1) for grid in grids]
     side = np.asarray(half, dtype=np.float64)
@@ -55,7 +55,7 @@ def _near_surface(
     """Return the mask, shape of a block of cells, of cells whose tested box meets a triangle.
 
     `corners` (t, 3, 3): vertices of the triangles; `lines`: centres of the boxes along every axis; `half` (3,): half
-    the widths of a box, in axis units.
+    the widths of the box that is tested in place of a cell; all in axis units.
     """
     near = np.zeros(tuple(map(len, lines)), dtype=np.bool_)
     flat = near.reshape(-1)
@@ -80,7 +80,8 @@ def _near_offset(
     The cells that meet the surface give bounds of all distances, which decide most cells.  The others are tested
     against the triangles, first against few of them, which mark most of the cells that will be marked.
     `corners` (t, 3, 3): vertices of the triangles; `lines`: centres of the boxes along every axis; `half` (3,): half
-    the widths of a box; `reach`: distance; `spacing` (3,): distances between centres; all in axis units.
+    the widths of the box that is tested in place of a cell, 0 to test only the centre; `reach`: distance; `spacing`
+    (3,): distances between centres; all in axis units.
     """
     from scipy.spatial import KDTree
 
@@ -120,8 +121,8 @@ def _surface_gap(
     """Return the distance of every cell of a block, in axis units, from the nearest cell that meets a triangle.
 
     Cells beyond the block that meet a triangle count too if they are within `reach` of the block.  The distance of a
-    cell from the surface is at least the returned number, and exceeds it by at most the diagonal of a cell.  The result
-    is infinite if no such cell meets a triangle.
+    cell from the triangles is at least the returned number, and exceeds this number by at most the diagonal of a cell.
+    The result is infinite everywhere if no cell in the block or within `reach` of the block meets a triangle.
     `corners` (t, 3, 3): vertices of the triangles; `lines`: centres of the cells along every axis; `reach`: distance;
     `spacing` (3,): distances between centres; all in axis units.
     """
@@ -276,9 +277,9 @@ def _crossings(
 ) -> NDArray[np.int32]:
     """Return whether n edges, projected along x, cross n rays from (y, z) in the direction of y, with a sign.
 
-    The result (n,) is 1 if the edge crosses its ray towards larger z, -1 towards smaller z, 0 if it does not.  `mesh`:
-    gives the coordinates of vertices; `start, end` (n,): indices of the vertices of the edges; `y, z` (n,): starts of
-    the rays, in axis units.
+    The result (n,) is 1 if the edge, from start to end, crosses its ray towards larger z, -1 towards smaller z, and 0
+    if the edge does not cross the ray.  Rays point towards larger y.  `mesh`: gives the coordinates of vertices;
+    `start, end` (n,): indices of the vertices of the edges; `y, z` (n,): starts of the rays, in axis units.
     """
     low, high = mesh.points[np.minimum(start, end), 1:], mesh.points[np.maximum(start, end), 1:]
     crosses = (low[:, 1] > z) != (high[:, 1] > z)

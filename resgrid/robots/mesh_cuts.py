@@ -16,7 +16,9 @@ _REFINED = 8
 """Maximum number of positions at vertices, near the best equidistant position, that are compared next."""
 
 _SAMPLE = 140
-"""Number of points on the surface, and maximum number of vertices, from which costs are estimated."""
+"""Number of points inside triangles from which costs are estimated, and largest number of corners of triangles for
+which all corners are used too.
+"""
 
 _WEIGHT = 0.2
 """Factor of the depth in the cost of a hull: volume plus this factor times the depth integrated over the surface.
@@ -132,8 +134,8 @@ def _better(
 def _seam(corners: NDArray[np.float64], axis: int, position: float) -> NDArray[np.float64]:
     """Return points (n, 3) at which edges of triangles (t, 3, 3) cross the plane ``x[axis] = position``.
 
-    Of the crossing points on the first, second and third edges of all triangles, at most about 140 each are returned,
-    evenly chosen.
+    The crossing points on the first, the second and the third edges of all triangles are thinned out evenly to at most
+    140 points each.
     """
     height = corners[:, :, axis] - position
     points = [np.empty((0, 3))]
@@ -178,9 +180,9 @@ def _costs(points: NDArray[np.float64], area: NDArray[np.float64]) -> tuple[floa
 
 
 def _sample(corners: NDArray[np.float64]) -> _Sample:
-    """Return a sample of the surface of triangles (t, 3, 3): vertices, and 140 points spread evenly over the area.
+    """Return a sample of the surface of triangles (t, 3, 3): corners, and 140 points spread evenly over the area.
 
-    Of more than 140 vertices about 140 are chosen, and the extreme ones in 26 directions.
+    Of more than 140 corners, every k-th one (140 to 279 of them) and the extreme corners in 26 directions are kept.
     """
     vertices = corners.reshape(-1, 3)
     if len(vertices) > _SAMPLE:

@@ -16,16 +16,16 @@ from numpy.typing import NDArray
 from resgrid.errors import InputError
 
 _MOST = 1 << 31
-"""Upper bound (exclusive) of the index of a vertex; a larger index raises InputError."""
+"""Smallest index of a vertex that is too large; such an index raises InputError."""
 
 _CURVED = ("surf", "bsp", "bzp", "cdc", "cdp", "res", "call")
 """Keywords that raise InputError: surfaces that are no polygons, and the inclusion of other files (``call``)."""
 
 
 def read_obj(data: bytes, name: str) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
-    """Return the vertices (v, 3) and triangles (t, 3) of an OBJ file, in its units.
+    """Return the vertices (v, 3) of an OBJ file, in its units, and the triangles (t, 3), indices of vertices.
 
-    Polygons become fans around their first corner, which contain the polygon also if it is not convex.
+    A polygon becomes a fan of triangles around its first corner; the fan covers the polygon even if it is not convex.
 
     Parameters
     ----------

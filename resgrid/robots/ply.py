@@ -1,4 +1,4 @@
-"""Checks of PLY mesh files before trimesh reads them: truncated files, missing coordinates; number of faces."""
+"""Checks of the text of PLY mesh files: truncation, missing coordinates, number of faces; trimesh reads the meshes."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ _PROPERTY = re.compile(rb"^property\s.*?(\S+)\s*?$", re.MULTILINE)
 
 
 def check_ply(data: bytes, name: str) -> None:
-    """Raise InputError for the bytes of a PLY file that is cut short, or whose vertices lack a coordinate.
+    """Raise InputError if a PLY file is cut short, or if the vertices of the file lack a coordinate.
 
-    A file is cut short without the end of its header, or if it is text with fewer lines than the header declares.
-    `name`: name of the file in messages.
+    A file counts as cut short if its header has no end, or if it is text with fewer lines than the header declares.
+    `data`: bytes of the file; `name`: name of the file in messages.
 
     trimesh checks the length of binary files only: from the text of a file that is cut short it would read a part.
     """
@@ -44,7 +44,7 @@ def check_ply(data: bytes, name: str) -> None:
 
 
 def count_faces(data: bytes) -> int:
-    """Return the number of faces in the header of a PLY file; `data`: bytes of the file."""
+    """Return the number of faces that the header of a PLY file declares, 0 if none; `data`: bytes of the file."""
     found = _FACES.search(data.partition(b"end_header")[0])
     return 0 if found is None else int(found[1])
 

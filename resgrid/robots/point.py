@@ -95,10 +95,10 @@ class PointRobot(Robot):
 
         With the rule ``"conservative"``, a cell is blocked if its interior meets a dilated obstacle, so that every
         point of a free cell is free.  An obstacle that ends on a cell's border does not block that cell.  With the rule
-        ``"centre"``, a cell is blocked if its centre lies in a dilated obstacle.  The interior excludes a rim of 1e-9
-        of the cell width, so that rounding does not move an obstacle's edge across a border between cells.
+        ``"centre"``, a cell is blocked if its centre lies in a dilated obstacle.  The interior excludes a rim of at
+        least 1e-9 of the cell width, so that rounding does not move an obstacle's edge across a border between cells.
         `axes`: axes of the grid; `obstacles`: shapes in axis units; `progress`: called as ``progress(done, total)``
-        after every obstacle.
+        after every obstacle, with numbers of obstacles.
         """
         self.check_axes(axes)
         blocked = np.zeros(tuple(axis.cells for axis in axes), dtype=bool)

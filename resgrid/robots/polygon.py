@@ -182,8 +182,9 @@ class _PlaneObstacle:
     def mark(self, layer: NDArray[np.bool_], plane: CellPlane, mirrored: NDArray[np.float64], reach: float) -> None:
         """Mark, in place, the cells of a layer near the Minkowski sum of this obstacle and a mirrored polygon.
 
-        `layer` (columns, rows): mask; `plane`: grid of the layer; `mirrored` (v, 2): corners of the polygon, mirrored
-        at the reference point; `reach`: distance, in metres, up to which cells are marked.
+        `layer` (columns, rows): mask of the cells (x, y) at one heading; `plane`: grid of the layer; `mirrored` (v, 2):
+        corners of the polygon at this heading relative to its reference point, multiplied by -1, in metres; `reach`:
+        distance from the sum, in metres, up to which cells are marked.
         The sum of the outlines is a parallelogram for every pair of edges.  Other points of the Minkowski sum occur
         only if a piece of one area lies inside the other; they lie in a copy of one area, translated by a point of
         the other.  Every parallelogram is marked separately, because a geometric union of nearly coincident ones

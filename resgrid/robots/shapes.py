@@ -1,4 +1,4 @@
-"""Geometric shapes of obstacles and goals: boxes, balls, polygons, half-spaces, sets of cells; in axis units."""
+"""Shapes of obstacles and goals: boxes, balls, polygons, half-spaces, cell sets; union types; conversion to shapely."""
 
 from __future__ import annotations
 
@@ -265,9 +265,10 @@ Shape = SingleShape | CellSet | Voxels
 
 
 def rings_of(shape: Box | Polygon) -> tuple[tuple[Point, ...], ...]:
-    """Return the corners of the outer ring and of the holes of a polygon, or the corners of a box in the plane.
+    """Return the corners of the outer ring and of the holes of a polygon, or the one ring of a box in the plane.
 
-    A box narrower than four rounding errors is widened, so that its ring has an interior.
+    A box narrower than four units in the last place (ulp) of its coordinates is widened, so that the ring has an
+    interior.
     """
     if isinstance(shape, Polygon):
         return shape.rings
@@ -278,7 +279,7 @@ def rings_of(shape: Box | Polygon) -> tuple[tuple[Point, ...], ...]:
 
 
 def require_plane(shape: Shape, whose: str) -> Shape:
-    """Return the shape; raise InputError unless it has two coordinates.  `whose`: name of the robot in the message."""
+    """Return `shape` itself; raise InputError unless the shape has two coordinates.  `whose`: robot in the message."""
     if shape.ndim != 2:
         raise InputError(f"{whose} moves in the plane: a shape needs 2 coordinates, got {shape.ndim}")
     return shape
@@ -287,7 +288,8 @@ def require_plane(shape: Shape, whose: str) -> Shape:
 def to_shapely(shape: Shape) -> BaseGeometry:
     """Return a shape of the plane as a shapely geometry.
 
-    A disc becomes a polygon with 256 edges, and a half-plane a rectangle that extends 1e4 axis units.
+    A disc becomes a polygon with 256 edges.  A half-plane becomes a rectangle with one side on the border, 1e4 axis
+    units to both sides of the border point nearest to the origin, and 1e4 axis units deep.
     """
     import shapely
 

@@ -33,8 +33,8 @@ def near_convex(
 
     The result is exact up to rounding for capsules and oriented boxes.  For cylinders, boxes whose distance exceeds
     `reach` by a tiny amount may be marked too.
-    `grids`: cell centres; `half` (3,): half the widths of the box that is tested in place of a cell, 0 to
-    test only the centre; `reach`: distance; lengths are in axis units.
+    `grids`: cell centres, an array per axis; `half` (3,): half the widths of the box that is tested in place of a cell,
+    0 to test only the centre; `reach`: distance; lengths are in axis units.
     """
     centres = np.stack(np.broadcast_arrays(*grids), axis=-1).reshape(-1, 3)
     side = np.asarray(half, dtype=np.float64)

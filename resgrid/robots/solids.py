@@ -1,4 +1,4 @@
-"""Convex shapes in space: cylinders, capsules and boxes in any orientation."""
+"""Convex shapes in space (cylinders, capsules, boxes in any orientation); rotation matrices and rigid poses."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Triangulated surfaces of a robot's links and of shapes in space, for pictures and 3-D views."""
+"""Triangulated surfaces of a robot's links and of shapes in space, and heights of floors, for pictures and 3-D."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def shape_surfaces(shapes: Iterable[Shape], name: str, within: Bounds) -> list[S
 
 
 def is_floor(shape: Shape) -> bool:
-    """Return whether a shape is the half-space below a horizontal plane, one normal to the z axis."""
+    """Return whether a shape is a floor: the half-space below a horizontal plane, perpendicular to the z axis."""
     return isinstance(shape, HalfSpace) and shape.normal[:2] == (0.0, 0.0) and shape.normal[2] > 0
 
 

@@ -140,7 +140,7 @@ def _newton(work: _SearchArrays, piece: int, links: ArmLinks, goal: ObstacleArra
 
     The configuration with the smallest distance is written to ``work.at``.  The iteration ends at a distance of
     `tolerance`, in metres.  Steps prescribe only the tip motion towards the piece.  For a piece that acts as a point,
-    and after a step without sufficient decrease, steps also prescribe zero motion across that direction.
+    and after a step without sufficient decrease, steps also prescribe that the tip does not move sideways.
     `piece`: index of an edge, disc or half-plane of `goal`.
     """
     n = len(work.at)
@@ -200,7 +200,7 @@ def _reachable_piece(
 
 @inner
 def _search_cell(work: _SearchArrays, links: ArmLinks, goal: ObstacleArrays, tolerance: float) -> bool:
-    """Return whether a cell contains a configuration with the tip in the goal region, and write it to ``work.at``.
+    """Return whether a cell has a configuration with the tip in the goal region; write the solution to ``work.at``.
 
     ``work.middles[0]`` and ``work.halves[0]`` contain centre and half widths of the cell on entry; `tolerance`:
     distance in metres up to which the tip counts as in the region.  Branch and bound: a box (part of the cell) is
@@ -244,7 +244,8 @@ def find_goal_cells(
 ) -> None:  # fmt: skip
     """Mark the cells that contain a configuration with the tip in a region, and record one configuration per cell.
 
-    `out` (m,): mask of cells ``first .. first + m - 1``; `points` (m, n): configurations, written for marked cells;
+    `out` (m,): mask of cells ``first .. first + m - 1`` in C order; `points` (m, n): configurations in radians, written
+    only in the rows of marked cells;
     `counts` (n,): cells per joint; `lower, widths` (n,): lower limits and cell widths in radians; `links`: the arm;
     `goal`: the region;
     `bounds` (4,): box ``x0, y0, x1, y1``; a cell is excluded if, in the configuration at the cell's centre, the tip

@@ -1,4 +1,4 @@
-"""Surfaces of cells in space: rectangles between solid cells and cells of air, for pictures and 3-D views."""
+"""Surfaces of sets of cells in space, as rectangles, and coarser grids of blocks of cells, for pictures and 3-D."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ DIRECTIONS = tuple((axis, sign) for axis in range(3) for sign in (-1, 1))
 """Directions of faces: number of the axis, and -1 or 1 for the lower or the upper face of a solid cell."""
 
 _CLOSED = 0.5
-"""Fraction of solid cells, in the outermost layer at a side of the grid, from which on the side is closed.
+"""Smallest fraction of solid cells, in the outermost layer at a side of the grid, for which the side is closed.
 
-Cells at a closed side have no face to the outside; at other sides the solid cells of the layer have one.
+Cells at a closed side have no face to the outside; at other sides every solid cell of the layer has a face to it.
 """
 
 _MOST_CELLS = 200
@@ -33,10 +33,10 @@ def is_voxel_world(space: ConfigurationSpace) -> bool:
 
 
 class Faces(NamedTuple):
-    """Rectangles in space between solid cells and cells of air (cells whose solid neighbours are drawn).
+    """Rectangles in space between solid cells and cells of air (cells towards which solid cells have a drawn face).
 
-    `corners` (n, 4, 3): anticlockwise seen from the air, in axis units; `plane` (n,): a number for each direction and
-    plane, equal for rectangles that lie in one plane and face the same direction.
+    `corners` (n, 4, 3): corners of the rectangles, anticlockwise seen from the air, in axis units; `plane` (n,): number
+    of the plane and direction, equal for rectangles that lie in one plane and face the same direction.
     """
 
     corners: NDArray[np.float64]
@@ -56,11 +56,11 @@ def faces_between(
     *,
     merge: bool = False,
 ) -> Faces:
-    """Return the faces of solid cells that border on air (cells whose solid neighbours are drawn).
+    """Return the faces of solid cells that border on air (cells towards which solid cells have a drawn face).
 
-    `solid`, `air`: masks of the cells of a grid with three axes; `axes`: axes of the grid; `directions`: entries of
-    `DIRECTIONS`, the faces of solid cells that are considered; `merge`: whether adjacent faces in a horizontal row
-    become one rectangle.
+    `solid`, `air`: masks of the cells of a grid with three axes; `axes`: axes of the grid; `directions`: faces of solid
+    cells that are considered, each as number of the axis and -1 (lower face) or 1 (upper face); `merge`: True merges
+    adjacent faces of a row along x (along y for faces normal to x) into one rectangle, False keeps one per cell.
     """
     edges = [axis.edges for axis in axes]
     corners, planes = [np.empty((0, 4, 3))], [np.empty(0, dtype=np.int64)]
@@ -141,10 +141,11 @@ def surface_to_air(
 ) -> Faces:  # fmt: skip
     """Return the faces of solid cells that border on air, also at sides of the grid that few solid cells reach.
 
-    At a side with fewer solid cells than the fraction `_CLOSED`, the solid cells of the outermost layer have faces to
-    the outside.  `solid`, `air`: masks of the cells of a grid; `axes`: axes of the grid, three; `directions`: entries
-    of `DIRECTIONS`, the faces of solid cells that are considered; `merge`: whether adjacent faces in a horizontal row
-    become one rectangle.
+    Air are the cells towards which solid cells have a drawn face.  At a side of the grid where less than half of the
+    outermost layer is solid, the solid cells of this layer have faces to the outside, too.
+    `solid`, `air`: masks of the cells of a grid; `axes`: axes of the grid, three; `directions`: faces of solid cells
+    that are considered, each as number of the axis and -1 (lower face) or 1 (upper face); `merge`: True merges adjacent
+    faces of a row along x (along y for faces normal to x) into one rectangle, False keeps one per cell.
     """
     return faces_between(*_with_open_sides(solid, air), _wider(axes), directions, merge=merge)
 
@@ -155,8 +156,9 @@ def surface_of(
 ) -> Faces:  # fmt: skip
     """Return the faces of marked cells that border on unmarked cells or lie at a side of the grid.
 
-    `mask`: marked cells of a grid; `axes`: its three axes; `directions`: entries of `DIRECTIONS`, the faces of marked
-    cells that are considered; `merge`: whether adjacent faces in a horizontal row become one rectangle.
+    `mask`: marked cells of a grid; `axes`: the three axes of the grid; `directions`: faces of marked cells that are
+    considered, each as number of the axis and -1 (lower face) or 1 (upper face); `merge`: True merges adjacent faces of
+    a row along x (along y for faces normal to x) into one rectangle, False keeps one per cell.
     """
     padded = np.pad(mask, 1)
     return faces_between(padded, ~padded, _wider(axes), directions, merge=merge)
@@ -165,8 +167,8 @@ def surface_of(
 def _with_open_sides(solid: NDArray[np.bool_], air: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Return the masks of solid cells and of air with one more layer of cells on every side.
 
-    The layer is air at sides with fewer solid cells than the fraction `_CLOSED`, so that these cells have a face to the
-    outside; at other sides it is neither solid nor air.
+    At a side where less than half of the outermost cells are solid, the new layer is air, so that these solid cells
+    have a face to the outside.  At other sides the new layer is neither solid nor air.
     """
     solid, air = np.pad(solid, 1), np.pad(air, 1)
     for axis in range(3):
@@ -178,7 +180,7 @@ def _with_open_sides(solid: NDArray[np.bool_], air: NDArray[np.bool_]) -> tuple[
 
 
 def _wider(axes: Sequence[Axis]) -> list[Axis]:
-    """Return axes that are one cell longer at both ends."""
+    """Return the axes, each lengthened by one cell at both ends."""
     return [
         replace(axis, lower=axis.lower - axis.spacing, upper=axis.upper + axis.spacing, cells=axis.cells + 2)
         for axis in axes

@@ -1,4 +1,4 @@
-"""`Voxels`, the shape of point clouds and OctoMaps: a union of voxels, stored as few boxes."""
+"""`Voxels`, the shape of point clouds and OctoMaps: a union of voxels, stored as few boxes; merging of boxes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from resgrid.robots.bounded import Bounded, Bounds, translated
 from resgrid.robots.solids import Length, SpacePoint
 
 MAX_TRIED = 50_000
-"""Number of boxes up to which `merge_boxes` tries all six orders of the axes; of more boxes it tries one order."""
+"""Largest number of boxes for which all six orders of the axes are tried when boxes are merged; otherwise one order."""
 
 
 @checked
@@ -37,8 +37,8 @@ class Voxels(Bounded):
     boxes : ndarray of int64, shape (b, 2, 3)
         Index of the first voxel of every box, and the index after its last voxel, along x, y and z.
     table : mapping
-        The keys of the scene's table, with the absolute path of the file; empty for voxels that were not read from a
-        file.
+        Keys and values of the table of a scene that defines the voxels, with the absolute path of the file of points
+        or voxels; empty for voxels that were not read from a file.
 
     Raises
     ------
@@ -110,7 +110,7 @@ class Voxels(Bounded):
         return tuple(lower.tolist()), tuple(upper.tolist())
 
     def shifted(self, by: Point) -> Voxels:
-        """Return the voxels translated by the vector `by`, in axis units."""
+        """Return the voxels translated by the vector `by`, in axis units, with an empty `table`."""
         return Voxels(translated(self.lower, by), self.size, self.boxes)  # type: ignore[arg-type]
 
 
@@ -141,7 +141,11 @@ def merge_boxes(boxes: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def _merged(boxes: NDArray[np.int64], order: tuple[int, ...]) -> NDArray[np.int64]:
-    """Return boxes (b, 2, 3) joined along the axes in an order, until no two boxes can be joined."""
+    """Return disjoint boxes joined along the axes in the given order, repeatedly, until no two boxes can be joined.
+
+    `boxes` (b, 2, 3): first index of every box, and the index after the last, along x, y and z; `order`: numbers of the
+    three axes.
+    """
     count = len(boxes) + 1
     while len(boxes) < count:
         count = len(boxes)
@@ -151,7 +155,11 @@ def _merged(boxes: NDArray[np.int64], order: tuple[int, ...]) -> NDArray[np.int6
 
 
 def _joined(boxes: NDArray[np.int64], axis: int) -> NDArray[np.int64]:
-    """Return boxes (b, 2, 3) in which rows of boxes along an axis, with equal cross sections, are single boxes."""
+    """Return boxes in which every row of adjacent boxes along an axis, with equal cross sections, is one box.
+
+    Boxes are adjacent if the end of one is the start of the next.  `boxes` (b, 2, 3): first index of every box, and the
+    index after the last, along x, y and z, in any order of the boxes; `axis`: number of the axis.
+    """
     across = np.delete(boxes, axis, axis=2).reshape(len(boxes), 4)
     order = np.lexsort((boxes[:, 0, axis], *across.T))
     boxes, across = boxes[order], across[order]

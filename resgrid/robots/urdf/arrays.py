@@ -1,4 +1,4 @@
-"""Kinematic trees, convex pieces and pairs of bodies as flat arrays for the kernels."""
+"""Kinematic trees, convex pieces and pairs of bodies as flat arrays, the input of the compiled kernels."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Flags = NDArray[np.bool_]
 
 
 LOOSE = 0.8
-"""Ratio of the summed volume of a body's convex pieces to that of its convex hull below which the body is loose.
+"""Ratio of the summed volume of a body's convex pieces to the volume of its hull; below this ratio a body is loose.
 
 Proofs for a loose body start with its pieces; proofs for other bodies start with the hull.
 """
@@ -145,7 +145,7 @@ def _check_pieces(body: Body, pieces: Sequence[ConvexPiece]) -> None:
 
 
 def _is_loose(body: Body) -> bool:
-    """Return whether the summed volume of a body's pieces is below `LOOSE` times the volume of its hull.
+    """Return whether the summed volume of a body's convex pieces is below `LOOSE` (0.8) times the volume of its hull.
 
     False for a body with a single piece, and for a half-space.
     """
@@ -222,17 +222,17 @@ def _tree_arrays(
 
 
 def _floats(values: ArrayLike) -> Floats:
-    """Return a writable copy in C order, so that kernels are compiled for one memory layout only."""
+    """Return a writable float64 copy in C order, so that kernels are compiled for one memory layout only."""
     return np.array(values, dtype=np.float64, order="C")
 
 
 def _integers(values: ArrayLike) -> Integers:
-    """Return a writable copy in C order, so that kernels are compiled for one memory layout only."""
+    """Return a writable int64 copy in C order, so that kernels are compiled for one memory layout only."""
     return np.array(values, dtype=np.int64, order="C")
 
 
 def _flags(values: ArrayLike) -> Flags:
-    """Return a writable copy in C order, so that kernels are compiled for one memory layout only."""
+    """Return a writable bool copy in C order, so that kernels are compiled for one memory layout only."""
     return np.array(values, dtype=np.bool_, order="C")
 
 

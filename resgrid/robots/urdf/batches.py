@@ -81,13 +81,13 @@ class Batch:
         return np.repeat(np.arange(len(self)), np.diff(self.first))
 
     def select(self, rows: Flags) -> Batch:
-        """Return the boxes in the mask `rows` (n,), with all their items."""
+        """Return the boxes for which `rows` (n,) is True, with all items of these boxes."""
         return self.keep(rows, np.repeat(rows, np.diff(self.first)))
 
     def keep(self, rows: Flags, items: Flags) -> Batch:
-        """Return the boxes in the mask `rows` (n,), with those of their items that are in the mask `items` (t,).
+        """Return the boxes for which `rows` (n,) is True, with their items for which `items` (t,) is True.
 
-        Items of other boxes must not be in the mask.
+        `items` must be False for the items of all other boxes.
         """
         per_box = np.bincount(self.boxes_of_items()[items], minlength=len(self))[rows]
         return Batch(
@@ -96,7 +96,7 @@ class Batch:
         )  # fmt: skip
 
     def twice(self) -> Batch:
-        """Return every box twice: all boxes, then all boxes again."""
+        """Return a batch with every box twice, with the same items: all boxes, then all boxes again."""
         first = np.concatenate([self.first, self.first[-1] + self.first[1:]])
         lower, upper, items, hints, owner, low, high = (
             np.concatenate([part, part])
@@ -107,8 +107,9 @@ class Batch:
     def halve(self, weight: Floats) -> Batch:
         """Return the two halves of every box: first all lower halves, then all upper halves.
 
-        A box is cut in the middle of the joint with its largest weight. `weight` (n, m): displacement, in metres, by
-        every joint, of the pieces of the box's item with the smallest bound.
+        A box is cut in the middle of the range of the joint with the largest weight. `weight` (n, m): bound on the
+        distance, in metres, by which every joint moves the pieces of one item of the box within the box.  This item is
+        the one with the smallest bound on the distance between its pieces.
         """
         count = len(self)
         rows, joint = np.arange(count), weight.argmax(axis=1)
@@ -121,8 +122,9 @@ class Batch:
     def split_cells(self, group: Group, weight: Floats) -> Batch:
         """Return two parts of every box of several cells, cut between cells: first all lower parts, then the others.
 
-        The cut lies along the joint with the largest weight, among those with at least two cells. `weight` (n, m):
-        displacement, in metres, by every joint, of the pieces of the box's item with the smallest bound.
+        The range of the joint with the largest weight, among joints with at least two cells, is cut. `weight` (n, m):
+        bound on the distance, in metres, by which every joint moves the pieces of one item of the box within the box.
+        This item is the one with the smallest bound on the distance between its pieces.
         """
         count, size = len(self), self.high - self.low
         rows, axis = np.arange(count), np.where(size > 1, weight[:, list(group.joints)], -1.0).argmax(axis=1)
@@ -162,11 +164,12 @@ class Batch:
 
 
 def whole_block(group: Group, arrays: ProofArrays, pairs: Integers, low: Integers, high: Integers) -> Batch:
-    """Return a batch of one box, a whole block of cells, with items for all pairs of a group.
+    """Return a batch of one box, a whole block of cells, with items for all pairs of bodies of a group.
 
-    An item is a pair of convex hulls, or, if a body of the pair is loose, every pair of convex pieces.  `pairs` (p, 2):
-    bodies of all pairs of the tree; `low, high` (g,): index of the block's first cell, and of its last cell plus 1,
-    along every joint of the group.
+    An item is a pair of convex hulls, or, if a body of the pair is loose (its convex pieces have less than 0.8 of the
+    volume of its hull), every pair of convex pieces.  `group`: the group of pairs; `arrays`: arrays of the tree with
+    hulls and pieces; `pairs` (p, 2): bodies of all pairs of the tree; `low, high` (g,): index of the block's first
+    cell, and of its last cell plus 1, along every joint of the group.
     """
     bodies = pairs[group.pairs]
     items = np.column_stack([group.pairs, arrays.hull[bodies]])

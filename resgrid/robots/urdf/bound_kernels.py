@@ -39,7 +39,9 @@ MAX_STEPS = 24
 """Maximum number of steps of the search for a separating direction; the best bound so far is then the result."""
 
 TOLERANCE = 1e-7
-"""Distance in metres between swept pieces at which the search for a separating direction ends: the pieces touch."""
+"""Largest distance in metres between swept pieces for which they count as touching, so that the search for a direction
+that separates them ends.
+"""
 
 
 class Frames(NamedTuple):
@@ -176,11 +178,11 @@ def _to_local(vector: Floats, frames: Frames, frame: int, out: Floats) -> None:
 def sweep_side(
     side: int, piece: int, pair: int, half: Floats, tree: TreeArrays, frames: Frames, sweep: Sweep, search: Search
 ) -> None:
-    """Write the motion of one piece of an item (a pair of pieces) to `sweep`, except the fields of points.
+    """Write the motion of one piece of an item (a pair of pieces) to `sweep`, except fields about points of the piece.
 
     `side`: 0 for the first piece of the item, 1 for the second; `piece`: index of the piece; `pair`: index of the pair
-    of bodies; `half` (m,): half widths of the box of the moving joints, in radians or metres; `frames`: poses of the
-    joints at the centre of the box; `search`: work arrays.
+    of bodies; `half` (m,): half widths of the box of the moving joints, in radians or metres; `tree`: joints and pieces
+    of the robot; `frames`: poses of the joints at the centre of the box; `search`: work arrays.
     """
     frame = tree.joint[piece] + 1
     sweep.piece[side], sweep.frame[side], sweep.chained[side] = piece, frame, 0

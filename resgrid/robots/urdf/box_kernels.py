@@ -1,4 +1,4 @@
-"""Compiled kernel that tests boxes of joint values: pairs of convex pieces that stay apart, and likely collisions.
+"""Compiled kernel that tests boxes of joint values: proofs that convex pieces stay apart, and likely collisions.
 
 Import this module only inside functions that call a kernel, because importing numba takes seconds.
 """
@@ -47,11 +47,11 @@ class Findings(NamedTuple):
     """Results of the test of n boxes with t items (pairs of convex pieces); the worst item has the smallest bound.
 
     `is_open` (t,): whether an item is not proven to stay apart; `touching` (t,): whether the pieces of an open item
-    overlap at the centre of the box, False if this was not tested; `weight` (n, m): displacement of the pieces of the
-    box's worst open item towards each other, in metres, by every moving joint, not written for a box without open
-    items; `probe` (n, m): configuration at which the pieces of the worst item overlap, in radians or metres, only
-    written if there is one; `probe_item` (n,): index of this item, -1 without such a configuration; `counts` (2,):
-    running numbers of evaluated bounds, and of tests of pieces at fixed configurations.
+    overlap at the centre of the box, False if this was not tested; `weight` (n, m): bound in metres, for every moving
+    joint, on the motion within the box of the pieces of the worst open item towards each other, not written for a box
+    without open items; `probe` (n, m): configuration at which the pieces of the worst item overlap, in radians or
+    metres, only written if there is one; `probe_item` (n,): index of the worst item, -1 without such a configuration;
+    `counts` (2,): running numbers of evaluated bounds, and of tests of pieces at fixed configurations.
     """
 
     is_open: Flags
@@ -127,11 +127,12 @@ def _load(item: Integers, half: Floats, tree: TreeArrays, frames: Frames, sweep:
 
 @inner
 def _gap(hint: Floats, margin: float, exact: bool, tree: TreeArrays, frames: Frames, work: Work) -> float:
-    """Return a lower bound of the gap, in metres, between the two pieces whose motion ``work.sweep`` contains.
+    """Return a lower bound of the gap, in metres, between the two moving pieces of ``work.sweep``, less a margin.
 
     The direction of the bound is written to ``work.search.best``. `hint` (3,): direction at which the search starts;
-    `margin`: distance in metres that is subtracted from the gap; `exact`: whether to continue to the direction of the
-    largest gap after a positive one; `frames`: poses of the joints at the centre of the box.
+    `margin`: distance in metres that is subtracted from the gap; `exact`: True continues the search to the direction of
+    the largest gap, False ends the search at the first direction with a positive gap; `frames`: poses of the joints at
+    the centre of the box.
     """
     for side in range(2):
         weigh_points(side, tree, work.sweep)
@@ -238,10 +239,11 @@ def _probe(item: Integers, hint: Floats, probe: Floats, tree: TreeArrays, work: 
 
 @inner
 def _bound_items(box: int, boxes: Boxes, margin: float, tree: TreeArrays, found: Findings, work: Work) -> int:
-    """Mark the open items of a box in `found`, and return the index of the item with the smallest bound; -1 for none.
+    """Mark the open items of a box in `found`; return the index of the open item with the smallest bound, -1 if none.
 
-    An item is open if no positive lower bound of its gap, less the margin, was found. The best direction of every item
-    replaces its hint. `box`: number of the box; `margin`: distance in metres by which pieces must stay apart.
+    An item (a pair of convex pieces) is open if no positive lower bound of its gap, less the margin, was found. The
+    best direction of every item replaces its hint, the direction at which the search starts. `box`: number of the box;
+    `margin`: distance in metres by which pieces must stay apart.
     """
     worst, least = -1, np.inf
     for i in range(boxes.first[box], boxes.first[box + 1]):
@@ -265,12 +267,14 @@ def _bound_items(box: int, boxes: Boxes, margin: float, tree: TreeArrays, found:
 def bound_boxes(
     boxes: Boxes, excess: Floats, margin: float, probing: int, tree: TreeArrays, found: Findings, work: Work
 ) -> None:
-    """Test boxes: prove that items stay apart, weigh the joints of the worst open item, and find likely collisions.
+    """Test boxes of joint values: prove that pairs of convex pieces stay apart, and find likely collisions.
 
-    The worst item of a box has the smallest lower bound of the gap. `excess` (m,): rounding error of joint values,
-    added to half widths; `margin`: distance in metres by which pieces must stay apart; `probing`: items that are tested
-    at the centre of the box and at the corner at which their pieces are likely to be closest: 0 for none, 1 for the
-    worst item, 2 for all open items; `found`: receives the results; `work`: work arrays, see `new_work`.
+    An item is a pair of pieces in a box, open if it is not proven to stay apart. The worst item of a box has the
+    smallest lower bound of the gap; for this item, the motion of its pieces by every joint is computed too. `excess`
+    (m,): rounding error of joint values, added to half widths; `margin`: distance in metres by which pieces must stay
+    apart; `probing`: items that are tested at the centre of the box and at the corner at which their pieces are likely
+    to be closest: 0 for none, 1 for the worst item, 2 for all open items; `found`: receives the results; `work`: work
+    arrays, see `new_work`.
     """
     count = len(excess)
     for box in range(len(boxes.lower)):

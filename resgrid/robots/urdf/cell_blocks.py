@@ -1,4 +1,4 @@
-"""Verdicts (free, colliding, undecided) of a block of cells, for pairs that depend on the same joints.
+"""Verdicts (free, collision, undecided) of the cells of a block, for pairs of bodies that depend on the same joints.
 
 An *item* of a box of joint values is a pair of convex pieces, one of either body of a pair, that is not yet proven to
 stay apart while the joints move within the box.
@@ -17,14 +17,18 @@ from resgrid.robots.urdf.batches import Batch, Group, whole_block
 from resgrid.robots.urdf.collision import CollisionChecker
 
 MAX_ITEMS = 100_000
-"""Number of items (pairs of convex pieces in a box) above which a batch of boxes is divided, to limit the memory."""
+"""Largest number of items (pairs of convex pieces in a box) of a batch of boxes; larger batches are divided, to limit
+the memory.
+"""
 
 MAX_BOUNDS = 5_000
-"""Number of evaluated items, summed over all boxes of a cell, after which the cell stays undecided."""
+"""Largest number of evaluated items (pairs of convex pieces in a box), summed over all boxes of a cell, for which boxes
+of the cell are halved further; with more, the cell stays undecided.
+"""
 
 
 MAX_TESTS = 64
-"""Number of collision tests of exact solids in a cell after which the search for a collision in the cell ends.
+"""Largest number of collision tests of exact solids in a cell; after more, the search for a collision there ends.
 
 This limit applies to cells in which convex pieces overlap, so that they cannot be proven free.
 """
@@ -63,9 +67,10 @@ class _Likely:
     """Likely collisions in n boxes that are not proven, with t items (pairs of convex pieces).
 
     `touching` (t,): whether the pieces of an item overlap at the centre of the box, False if this was not tested;
-    `weight` (n, m): displacement in metres, by every moving joint, of the pieces of the item with the smallest bound;
-    `probe` (n, m): configuration at which the pieces of this item overlap; `item` (n,): index of this item, -1 if no
-    such configuration was found (`probe` is then not meaningful).
+    `weight` (n, m): bound in metres, for every moving joint, on the motion within the box of the pieces of the worst
+    item, which has the smallest bound on the distance of its pieces; `probe` (n, m): configuration, in radians or
+    metres, at which the pieces of the worst item overlap; `item` (n,): index of the worst item, -1 if no such
+    configuration was found (`probe` is then not meaningful).
     """
 
     touching: Flags
@@ -75,7 +80,7 @@ class _Likely:
 
 
 class BlockProver:
-    """Finds the verdicts of the cells of one block, for one group of pairs.
+    """Search for the verdicts (free, collision, undecided) of the cells of one block, for one group of pairs of bodies.
 
     Parameters
     ----------
@@ -86,7 +91,7 @@ class BlockProver:
     group : Group
         The pairs of bodies whose relative poses depend on the same moving joints.
     halvings : int
-        Largest number of successive halvings of a box, from the whole cell on.
+        Largest number of successive halvings of a cell; every halving cuts the unproven boxes of the cell into two.
     margin : float
         Distance in metres by which the bodies of every pair stay apart in a cell that is proven free.
     """
@@ -99,9 +104,9 @@ class BlockProver:
         self._pairs = checker.tree.pairs
 
     def prove(self, low: Integers, known: NDArray[np.uint8]) -> BlockProof:
-        """Return the verdicts of a block.
+        """Return the verdicts of the cells of a block.
 
-        Every cell is undecided until the proven boxes cover it or a configuration in it collides.
+        A cell is free if proven boxes cover it, a collision if a tested configuration in it collides, else undecided.
 
         Parameters
         ----------
@@ -143,11 +148,13 @@ class BlockProver:
         return batch.select(count > 0)
 
     def _bound(self, batch: Batch, probing: int) -> tuple[Batch, _Likely]:
-        """Return the boxes that are not proven, with the items that are not proven, and their likely collisions.
+        """Return the boxes that are not proven, with the items that are not proven, and the likely collisions in them.
 
-        The items have new hints, the best directions of the search.  The cells of proven boxes of several cells get the
-        verdict free.  `probing`: items that are tested for overlaps at single configurations: 0 for none, 1 for the
-        item with the smallest bound in every box, 2 for all items that are not proven.
+        An item is a pair of convex pieces in a box; a box is proven if all its items are proven to stay apart.  The
+        search starts with the hint of an item, a direction, and stores the best direction as the new hint.  The cells
+        of proven boxes of several cells get the verdict free.  `probing`: items that are tested for overlaps at single
+        configurations: 0 for none, 1 for the item with the smallest distance bound in every box, 2 for all items that
+        are not proven.
         """
         from resgrid.robots.urdf.box_kernels import Boxes, Findings, bound_boxes, new_work
 
@@ -171,7 +178,7 @@ class BlockProver:
         return batch.keep(rows, found.is_open), likely
 
     def _prove_cells(self, batch: Batch) -> None:
-        """Find the verdicts of single cells; `batch`: one box for every cell."""
+        """Find and record the verdicts of single cells; `batch`: boxes that are one cell each."""
         owner = np.ravel_multi_index(tuple((batch.low - self._low).T), self._known.shape)
         cells = replace(batch, owner=np.asarray(owner, dtype=np.int64))
         part = np.cumsum(np.diff(cells.first)) // MAX_ITEMS
@@ -215,7 +222,8 @@ class BlockProver:
 
         Numbers are in C order of the block.  `batch`, `likely`: boxes that are not proven, and configurations at which
         convex pieces overlap; `tests` (cells,): number of tests of every cell, increased by those made here; `whole`:
-        whether all items that overlap at the centre of a box are tested, otherwise only those of ``likely.item``.
+        True tests ``likely.item`` (at most one pair of pieces per box, with its configuration ``likely.probe``) and all
+        other pairs of pieces that overlap at the centre of a box; False tests only ``likely.item``.
         """
         rows = np.flatnonzero(likely.item >= 0)
         pairs, configurations, owners = batch.items[likely.item[rows], 0], likely.probe[rows], batch.owner[rows]
@@ -241,13 +249,16 @@ class BlockProver:
         return np.concatenate(hits) if hits else np.zeros(0, dtype=np.int64)
 
     def _is_coarse(self, batch: Batch) -> Flags:
-        """Return the mask (t,) of the items that pair two convex hulls, at least one of them around several pieces."""
+        """Return the mask (t,) of the items that pair two hulls of bodies, of which one or both have several pieces.
+
+        An item is a pair of convex pieces, or of hulls, in a box.
+        """
         bodies = self._pairs[batch.items[:, 0]]
         is_hull = (batch.items[:, 1:] == self._arrays.hull[bodies]).all(axis=1)
         return np.asarray(is_hull & (np.diff(self._arrays.spans, axis=1)[bodies, 0] > 1).any(axis=1))
 
     def _with_pieces(self, batch: Batch, coarse: Flags) -> Batch:
-        """Return a batch in which some items are replaced by one item for every pair of pieces of their two bodies.
+        """Return a batch in which some pairs of hulls are replaced by all pairs of convex pieces of their two bodies.
 
         `coarse` (t,): mask of the replaced items, which are pairs of convex hulls.
         """

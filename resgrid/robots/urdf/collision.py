@@ -109,7 +109,7 @@ class CollisionChecker:
 
     @property
     def _tests(self) -> _PairTests:
-        """The tests of all pairs, with coal objects that belong to the present thread."""
+        """Tests of all pairs of bodies, with coal objects that only the calling thread uses."""
         tests: _PairTests | None = getattr(self._local, "tests", None)
         if tests is None:
             tests = self._local.tests = _PairTests(self.tree)
@@ -135,7 +135,7 @@ class _PairTests:
         self._distance_request, self._distance_result = coal.DistanceRequest(), coal.DistanceResult()
 
     def first_pairs(self, frames: _Floats, pairs: Iterable[int]) -> NDArray[np.int64]:
-        """Return the first of the given pairs that collides at every configuration, -1 for none, shape (n,)."""
+        """Return, for every configuration, the first of the given pairs that collides, -1 for none, shape (n,)."""
         found = np.full(len(frames), -1, dtype=np.int64)
         worlds = self._worlds(frames)
         boxes = [solid.boxes(world) for solid, world in zip(self._solids, worlds, strict=True)]
@@ -195,6 +195,6 @@ class _PairTests:
 
 
 def _batches(count: int, most: int = BATCH) -> Iterator[slice]:
-    """Return slices that divide `count` configurations into batches of at most `most`, limited to 1 to `BATCH`."""
+    """Return slices that divide `count` configurations into batches of at most `most`, clipped to [1, `BATCH`]."""
     size = max(min(most, BATCH), 1)
     return (slice(start, min(start + size, count)) for start in range(0, count, size))

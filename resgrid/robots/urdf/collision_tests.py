@@ -1,4 +1,4 @@
-"""Collision tests along paths of a robot from a URDF file: distances and first collisions of exact solids."""
+"""`SolidTest`, the collision test of a robot from a URDF file: distances and first collisions of exact solids."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from resgrid.robots.urdf.collision import CollisionChecker
 from resgrid.robots.urdf.tree import KinematicTree
 
 _BATCH = 256
-"""Number of configurations that are tested at once; the search for the first collision ends after such a batch."""
+"""Number of configurations that are tested at once; the search ends after the first batch with a collision."""
 
 _OBSTACLE = re.compile(r"^obstacle\[(\d+)\]")
 """Beginning of the names of bodies that belong to an obstacle, with its index."""

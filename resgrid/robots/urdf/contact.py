@@ -10,10 +10,11 @@ from resgrid.robots.urdf.exact_solids import coal_geometry, coal_module
 
 
 def touch(first: Body, second: Body) -> bool:
-    """Return whether the solids of two bodies in the same frame touch each other; raise ToolMissingError without coal.
+    """Return whether the exact solids of two bodies in the same frame touch each other, at their placements.
 
-    Bodies whose hulls a coordinate axis separates are apart, without the use of coal; so is a body whose hull lies
-    outside a half-space.  A solid inside the surface of a mesh touches the mesh.
+    Bodies whose padded hulls a coordinate axis separates are apart, and so is a body whose padded hull lies outside a
+    half-space; these cases do not need the package coal.  Other cases raise ToolMissingError if coal is not installed.
+    A solid inside the surface of a mesh touches the mesh.
     """
     if _apart(first.hull, second.hull) or _apart(second.hull, first.hull):
         return False

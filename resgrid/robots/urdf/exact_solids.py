@@ -1,4 +1,4 @@
-"""Conversion of exact solids to geometries of the collision library coal, and tests for points inside."""
+"""Exact solids as geometries of the collision library coal, with poses and bounding boxes; points inside meshes."""
 
 from __future__ import annotations
 
@@ -31,6 +31,8 @@ class PlacedSolid:
 
     Attributes
     ----------
+    joint : int
+        Index of the joint whose frame carries the solid; -1 for a solid that does not move.
     geometry, pose : coal.CollisionGeometry, coal.Transform3s
         Geometry, and its present pose in the world (at first the solid's placement): arguments of coal's functions.
     """

@@ -114,7 +114,8 @@ def prove_cells(
     executor : concurrent.futures.Executor, optional
         Workers of the blocks of cells; by default this process.  The result does not depend on the executor.
     progress : callable, optional
-        Called after every block as ``progress(done, total)`` with numbers of cells of the grids of all groups.
+        Called after every block of cells as ``progress(done, total)`` with numbers of cells, summed over groups of
+        pairs of bodies: the pairs that depend on the same joints share a grid of the values of these joints.
     checkpoint : path, optional
         File of finished blocks.  An interrupted run continues from it with the same result.
 
@@ -163,7 +164,8 @@ def centre_cells(tree: KinematicTree, axes: Sequence[Axis], progress: Progress |
     """Return the mask of cells whose centre collides, shape of the grid; nothing is proven about the rest of a cell.
 
     `tree`: robot and surroundings; `axes`: one axis for every moving joint; `progress`: called as ``progress(done,
-    total)`` with numbers of cells of the grids of all groups.
+    total)`` with numbers of cells, summed over groups of pairs of bodies: the pairs that depend on the same joints
+    share a grid of the values of these joints.
     """
     checker = CollisionChecker(tree)
     groups = _groups(proof_arrays(tree), _checked_axes(tree, axes))

@@ -1,4 +1,4 @@
-"""Collision geometries of a URDF file as exact solids and bodies."""
+"""Exact solids of a robot's collision geometries, and its bodies: named solids with padded convex covers."""
 
 from __future__ import annotations
 

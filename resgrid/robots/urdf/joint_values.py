@@ -1,4 +1,4 @@
-"""Joint values: which joints move, which ones follow them, and at which values the others are locked."""
+"""Joint values (moving joints, mimic joints that follow them, locked joints), their checks, and the poses of links."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class JointValue:
     """The value of a joint: ``factor`` times the value of the moving joint ``driver``, plus ``offset``.
 
     `driver`: index of the moving joint, in the order of the axes; None for a joint whose value is always `offset`;
-    `offset`: in radians or metres.
+    `factor`: 1 for a moving joint itself, 0 without a driver; `offset`: in radians or metres.
     """
 
     driver: int | None

@@ -36,7 +36,7 @@ def read_tree(
     mounted: Sequence[str] = (),
     pieces: int = 4,
 ) -> KinematicTree:
-    """Return the kinematic tree of a robot from its URDF file, with its own bodies and the pairs of them.
+    """Return the kinematic tree of a robot from its URDF file, with pairs of its bodies that must not touch each other.
 
     Parameters
     ----------
@@ -56,7 +56,8 @@ def read_tree(
     base : sequence of six float
         Pose of the root link in the world: x, y, z in metres, then roll, pitch and yaw in radians.
     padding : float
-        Metres added to every body of the robot, at least 0.
+        Distance in metres, at least 0, by which the convex pieces of the robot's bodies are enlarged; the exact solids
+        are not.
     mounted : sequence of str
         Links that may touch the surroundings; here only their names are checked.
     pieces : int

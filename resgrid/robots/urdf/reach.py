@@ -13,8 +13,9 @@ def motion_per_joint(tree: KinematicTree) -> NDArray[np.float64]:
 
     Units: metres per radian, or metres per metre. The bound is 0 for joints that do not move the body.
 
-    A point of a body is never farther from the axis of a joint before it than the sum of the distances between the
-    origins of the joints after this one, their largest translations, and the point's distance from the last origin.
+    A point of a body is never farther from the axis of a joint j that carries it than the following sum: the distances
+    between successive joint origins from j to the body, the largest translations of the joints after j, and the
+    distance of the point from the last of these origins.
     """
     origins = np.linalg.norm(tree.placement[:, :3, 3], axis=1)
     ends = np.maximum(np.abs(tree.lower), np.abs(tree.upper))[tree.driver]

@@ -1,4 +1,4 @@
-"""The robot of a URDF file: its axes, its proven free cells, and the cells of goals of its tool."""
+"""`URDFRobot`, the robot of a URDF file: its joint axes, kinematics, proven free cells, and goal cells of its tool."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class URDFRobot(Robot):
     moving : tuple of str
         Names of the one to four moving joints (revolute, continuous or prismatic), in the order of the axes.
     at : mapping of str to float
-        Values of other joints, in radians or metres; 0, or the nearest limit, for joints that are not named.
+        Values of other joints, in radians or metres; 0, or the limit closest to 0, for joints that are not named.
     packages : tuple of str
         Folders in which ``package://`` names of meshes are searched.
     srdf : str or None
@@ -57,17 +57,19 @@ class URDFRobot(Robot):
     base : tuple of float
         Pose of the robot's root in the world: x, y, z in metres, then roll, pitch and yaw in radians.
     tool : str or None
-        Link or frame whose origin is the reference point of goals; by default the last link that moves.
+        Link, with or without geometry, whose origin is the reference point of goals; None for a link that the last
+        joint carries.
     padding : float
-        Distance in metres by which all links are enlarged in proofs.
+        Distance in metres by which all links are enlarged in proofs, but not in collision tests.
     mounted : tuple of str
         Links that may touch obstacles, such as the base on its table.
     self_collision : bool
-        Whether contacts between links of the robot are collisions.
+        True: contacts between links of the robot are collisions.  False: only contacts with obstacles are.
     pieces : int
-        Largest number of convex pieces that cover one mesh.
+        Maximum number of convex pieces that cover one mesh in proofs.
     halvings : int
-        Number of times that a cell is halved per moving joint before it is left undecided.
+        Maximum number of successive halvings of a cell, per moving joint: with m joints, a cell that m times as many
+        halvings do not decide stays undecided, and is blocked.
     velocity : tuple of float
         Largest speeds of trajectories in rad/s or m/s, one for all moving joints or one per joint, in place of the
         limits in the URDF file; empty for those limits.
@@ -166,7 +168,7 @@ class URDFRobot(Robot):
 
     @property
     def tool_name(self) -> str:
-        """Name of the link or frame whose origin is the reference point of goals."""
+        """Name of the link whose origin is the reference point of goals: `tool`, or a link of the last joint."""
         if self.tool is not None:
             return self.tool
         return max(self.tree.tools, key=lambda name: self.tree.tools[name][0])
@@ -216,7 +218,7 @@ class URDFRobot(Robot):
         raise InputError("a robot arm does not move on a map; give it a [grid] for its joints")
 
     def check_axes(self, axes: Sequence[Axis]) -> None:
-        """Raise InputError unless there is one axis per moving joint, within its limits or a full turn if periodic."""
+        """Raise InputError unless every moving joint has one axis, within the joint's limits, 2 pi long if periodic."""
         if len(axes) != self.ndim:
             raise InputError(f"a robot with {self.ndim} moving joints needs {self.ndim} axes, got {len(axes)}")
         for axis, implied, name in zip(axes, self.implied_axes(), self.moving, strict=True):
@@ -246,14 +248,17 @@ class URDFRobot(Robot):
         return np.asarray((np.abs(end - start) @ motion_per_joint(self.tree).T).max(axis=1))
 
     def tool_poses(self, configurations: ArrayLike) -> NDArray[np.float64]:
-        """Return poses of the tool in the world (n, 4, 4) for configurations (n, m): forward kinematics."""
+        """Return poses of the tool in the world (n, 4, 4) for configurations (n, m) of the m moving joints.
+
+        Joint values are in radians or metres, positions in metres (forward kinematics).
+        """
         joints = np.atleast_2d(np.asarray(configurations, dtype=np.float64))
         if joints.shape[-1] != self.ndim:
             raise InputError(f"this robot has {self.ndim} moving joints, but a configuration has shape {joints.shape}")
         return tool_poses(self.tree, self.tool_name, joints)
 
     def reference_point(self, configurations: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return positions of the tool (n, 3), in metres, for configurations (n, m)."""
+        """Return positions of the tool (n, 3), in metres, for configurations (n, m) of the m moving joints."""
         return self.tool_poses(configurations)[:, :3, 3]
 
     def bare(self, *, self_collision: bool = True) -> URDFRobot:
@@ -280,7 +285,7 @@ class URDFRobot(Robot):
 
     @cached_property
     def _last_test(self) -> list[tuple[tuple[Shape, ...], CollisionTest]]:
-        """The last test with its obstacles, because several paths of a scene need the same test; empty at first."""
+        """List of the last collision test, as one pair (obstacles, test) for reuse; empty before the first test."""
         return []
 
     def occupancy(
@@ -304,8 +309,9 @@ class URDFRobot(Robot):
     ) -> CellClasses:
         """Return the blocked cells and, with the rule ``"conservative"``, the undecided cells among them.
 
-        A result is stored in the cache folder (``RESGRID_CACHE``, by default ``~/.cache/resgrid``) under a hash of the
-        robot, the obstacles and the axes, and an interrupted computation continues from there.
+        A conservative result is stored in the cache folder (``RESGRID_CACHE``, by default ``~/.cache/resgrid``) under a
+        hash of the robot, the obstacles and the axes, and an interrupted computation continues from there.  With the
+        rule ``"centre"``, `CellClasses.undecided` is None, and nothing is stored.
 
         `axes`: axes of the space, one per moving joint; `obstacles`: shapes in world coordinates, in metres; `rule`:
         ``"conservative"`` (a cell is free only by proof) or ``"centre"`` (only its centre is tested); `progress`:

@@ -30,7 +30,7 @@ def disabled_pairs(file: Path, links: Collection[str]) -> frozenset[frozenset[st
     Raises
     ------
     InputError
-        If the file is missing or not an SRDF file, or disables pairs of links that the robot does not have.
+        If the file is missing or not an SRDF file, or names links in these elements that the robot does not have.
     """
     robot = read_robot(file)
     tags = ("disable_collisions", "enable_collisions")

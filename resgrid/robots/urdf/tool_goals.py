@@ -1,4 +1,4 @@
-"""Goal cells of a tool: the cells that contain a configuration with the tool in a region, by branch and bound."""
+"""Poses of a robot's tool, and goal cells: cells that contain a configuration with the tool in a region of poses."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ _DAMPING = 1e-12
 """Levenberg-Marquardt damping, the number added to the diagonal of the normal equations, relative to their trace."""
 
 _HALVINGS = 48
-"""Number of halvings of a cell after which a box without a solution is given up.
+"""Number of halvings of a cell that is never reached; a box without a solution that needs this many is given up.
 
 The tool then stays within about 1e-9 m of the border of the region in the whole box.
 """
 
 _MAX_BOXES = 1 << 20
-"""Number of boxes above which the search continues with one half of the cells after the other, to limit memory.
+"""Largest number of boxes that are searched together, to limit memory; with more, the cells are searched in two halves.
 
-The search in a single cell ends at this number of boxes; the cell is then no goal cell.
+A cell that needs more boxes alone is not searched further and is no goal cell.
 """
 
 
@@ -51,9 +51,9 @@ class ToolGoal:
     region : Ball, Box, HalfSpace or tuple of float
         Region of the tool's origin, or a single point, in world coordinates, in metres.
     rotation : ndarray of float64, shape (3, 3), or None
-        Wanted rotation matrix of the tool's frame in the world; None permits all.
+        Wanted rotation matrix of the tool's frame in the world; None permits all rotations.
     angle : float
-        Largest angle in radians between the tool's frame and `rotation`.
+        Largest angle in radians between the tool's frame and `rotation`; not used without `rotation`.
     """
 
     region: Shape | Point
@@ -106,7 +106,7 @@ class _Boxes:
     halvings: int
 
     def of(self, chosen: NDArray[np.bool_]) -> _Boxes:
-        """Return the boxes of a mask (n,)."""
+        """Return the boxes for which the mask `chosen` (n,) is True."""
         return _Boxes(self.centre[chosen], self.half[chosen], self.owner[chosen], self.halvings)
 
     def halved(self, gain: NDArray[np.float64]) -> _Boxes:
@@ -120,7 +120,10 @@ class _Boxes:
         return _Boxes(centre, np.tile(half, (2, 1)), np.tile(self.owner, 2), self.halvings + 1)
 
     def parts(self) -> list[_Boxes]:
-        """Return parts of at most `_MAX_BOXES` boxes, each with whole cells; a cell with more boxes is left out."""
+        """Return parts with at most `_MAX_BOXES` boxes each, which keep all boxes of a cell together.
+
+        A cell that has more boxes alone is left out.
+        """
         if len(self.owner) <= _MAX_BOXES:
             return [self]
         cells = np.unique(self.owner)
@@ -133,7 +136,7 @@ class _Boxes:
 def tool_poses(tree: KinematicTree, tool: str, configurations: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return poses of a tool in the world (n, 4, 4) for configurations (n, m) in radians or metres.
 
-    `tool`: name of a link or frame of the robot.
+    `tree`: joints of the robot, of which m move; `tool`: name of a link of the robot.
     """
     joint, pose = tree.tools[tool]
     if joint < 0:
@@ -147,7 +150,8 @@ def tool_goal_cells(tree: KinematicTree, tool: str, axes: Sequence[Axis], goal: 
     A cell is excluded only by bounds on the motion of the tool within it, so that every inverse-kinematics solution
     lies in a goal cell.  Exceptions are cells in which the tool stays within 1e-9 m of the border of the goal without
     entering it, to within rounding errors, and cells in which more than `_MAX_BOXES` boxes stay undecided.
-    `tool`: name of a link or frame; `axes`: axes of the configuration space, one per moving joint.
+    `tool`: name of a link; `axes`: axes of the configuration space, one per moving joint.  Raise InputError, with the
+    smallest distance or excess angle that was found, if there is no goal cell.
     """
     searched = _tool_of(tree, tool)
     shape = tuple(axis.cells for axis in axes)
@@ -182,7 +186,8 @@ def _possible_cells(
 ) -> Iterator[NDArray[np.int64]]:
     """Yield batches of the cells (n, m) that no bound excludes, as cell indices.
 
-    Blocks of cells are halved along the joint that moves the tool most, until they are excluded or single cells.
+    A bound excludes cells if the largest motion of the tool within them, from their centre, is too small to reach the
+    goal.  Blocks of cells are halved along the joint that moves the tool most, until they are excluded or single cells.
     `shape`: cells per axis; `lower`, `spacing` (m,): lower ends of the axes and widths of their cells.
     """
     stack = [(np.zeros((1, len(shape)), dtype=np.int64), np.array([shape], dtype=np.int64))]
@@ -238,10 +243,10 @@ def _solve_cells(
 def _possible(
     tool: _Tool, centre: NDArray[np.float64], half: NDArray[np.float64], goal: ToolGoal
 ) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
-    """Return which boxes of configurations (n,) may contain a solution, and what each joint contributes (n, m).
+    """Return whether n boxes of configurations may contain a solution, (n,), and the effect of every joint, (n, m).
 
-    The contribution is the tool's motion in metres plus its rotation in radians.  `centre`, `half` (n, m): centres of
-    the boxes, and half their widths.
+    The effect is a bound on the tool's motion by the joint within the box in metres, plus that on its rotation in
+    radians.  `centre`, `half` (n, m): centres of the boxes, and half their widths, in radians or metres.
 
     The joints may turn one after the other from the base on, because all that lies beyond a turning joint is then still
     as rigid as at the centre.  Joint j moves the tool by at most its lever rho_j (the distance from the joint's axis)
@@ -281,7 +286,11 @@ def _possible(
 def _violations(
     tool: _Tool, configurations: NDArray[np.float64], goal: ToolGoal
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return by how many metres (n,) and radians (n,) the tool misses a goal in configurations (n, m); 0 inside."""
+    """Return the distances (n,), in metres, of the tool from a goal's region, and the excess angles (n,), in radians.
+
+    The excess angle is the part of the angle from the wanted rotation beyond the permitted angle; both are 0 inside the
+    goal.  `configurations` (n, m): values of the m moving joints, in radians or metres.
+    """
     pose = tool.tree.frames(configurations)[:, tool.joint] @ tool.pose
     distance = np.linalg.norm(pose[:, :3, 3] - goal.nearest(pose[:, :3, 3]), axis=1)
     if goal.rotation is None:
@@ -306,7 +315,7 @@ def _gauss_newton(
 ) -> NDArray[np.float64]:
     """Return configurations (n, m) near the goal, by damped Gauss-Newton steps from `start`, within boxes of joints.
 
-    `start`, `lower`, `upper` (n, m): first configurations, and corners of the boxes.
+    `start`, `lower`, `upper` (n, m): first configurations, and corners of the boxes, in radians or metres.
     """
     configurations = start.copy()
     for _ in range(_NEWTON_STEPS):
@@ -359,7 +368,7 @@ def _why_unreachable(
     goal: ToolGoal,
     nearest: float,
 ) -> str:
-    """Return the message for a goal without a solution: the smallest distance or angle that some configurations leave.
+    """Return the message for a goal without a solution, with the smallest distance or excess angle that was found.
 
     `lower`, `spacing` (m,): lower ends of the axes and widths of their cells; `shape`: cells per axis; `nearest`:
     smallest distance that the search found, in metres.

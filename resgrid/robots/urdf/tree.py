@@ -15,10 +15,10 @@ from resgrid.robots.convex import Body
 @frozen
 @dataclass(frozen=True, eq=False)
 class KinematicTree:
-    """A robot with m moving joints (the axes of its configuration space) and k >= m joints that follow them.
+    """A robot with m moving joints (the axes of its configuration space), as a tree of k >= m joints with bodies.
 
-    Joints that do not move are merged into the placements.  A mimic joint is a joint of its own that follows another
-    moving joint.  Joints are sorted so that a parent comes before its children.
+    The k joints are the moving joints and the mimic joints that follow them.  Joints that do not move are merged into
+    the placements.  Joints are sorted so that a parent comes before its children.
 
     Attributes
     ----------
@@ -49,8 +49,8 @@ class KinematicTree:
     pairs : ndarray of int64, shape (p, 2)
         Indices of the pairs of bodies that must not touch each other; the first one moves with a joint.
     tools : mapping of str to (int, ndarray of float64 of shape (4, 4))
-        Index of the joint (-1 for the world), and pose in the joint's frame, of every link and frame of the file, by
-        name.
+        For every link of the file, by name: index of the joint that carries the link (-1 for the world), and pose of
+        the link in this joint's frame.
     """
 
     moving: tuple[str, ...]
@@ -71,7 +71,10 @@ class KinematicTree:
     tools: Mapping[str, tuple[int, NDArray[np.float64]]]
 
     def frames(self, configurations: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return poses of the joint frames in the world (n, k, 4, 4) for configurations (n, m): forward kinematics."""
+        """Return poses of the k joint frames in the world (n, k, 4, 4), by forward kinematics.
+
+        `configurations` (n, m): values of the m moving joints, in radians or metres.
+        """
         values = configurations[:, self.driver] * self.factor + self.offset
         poses = np.empty((len(configurations), len(self.names), 4, 4))
         for joint, parent in enumerate(self.parent):
