@@ -8,7 +8,8 @@ At time 0+ capacitors keep their charge.  Write ``x = E_c y + N z``: the columns
 of ``C``, and those of ``E_c`` are unit vectors of rows whose block ``C_cc`` of ``C`` is regular.  The charges ``q``
 determine ``y`` by ``C_cc y = q``.  Kirchhoff's current law for the components that no capacitor connects to a known
 voltage determines ``z`` by ``N^T G N z = N^T (b - G E_c y)``.  Both matrices are nodal and are assembled as such, so
-that a weak tie of a component with strong conductances is not lost to rounding.
+that a small conductance between a component and a rail is not lost to rounding beside large conductances inside the
+component.
 
 The energy that the sources deliver until time ``t`` is ``t W^T G_n W + W^T C_n (V(t) - V(0))``, with the matrices
 ``G_n`` and ``C_n`` of all nodes.  By Tellegen's theorem the source currents may be weighted by any voltages ``W`` that

@@ -15,12 +15,12 @@ from resgrid.errors import CircuitError
 from resgrid.solvers.laplacian import EdgeList, Grid, Laplacian, Rails
 
 _MANY = 20_000
-"""Largest number of current sources with an end at ground whose sum, the current into ground, is rounded only once."""
+"""Largest number of current sources at ground for which their sum, the current into ground, is rounded only once."""
 
 ALWAYS_RECOVERED = 500
-"""Number of nodes up to which currents of circuits without cells are always computed again by `current_recovery`.
+"""Largest number of nodes for which currents of circuits without cells are always recomputed by iterative correction.
 
-For so few nodes this takes milliseconds.
+The correction keeps the digits that voltage differences lose to cancellation.  For so few nodes it takes milliseconds.
 """
 
 
@@ -315,7 +315,7 @@ def _range(values: NDArray[np.float64], group: NDArray[np.int32], count: int) ->
 def contacts_of(
     ends: NDArray[np.int32], candidates: NDArray[np.int32], unknown: NDArray[np.int32], forest: SourceForest
 ) -> RailContacts:
-    """Return the contacts among candidate elements: connections of rows to known voltages or to rows of other offset.
+    """Return the contacts among some elements: connections of rows to known voltages or to rows with voltage offsets.
 
     `ends` (m, 2): nodes of all elements; `candidates` (k,): indices of the candidates; `unknown` (nodes,): row of every
     node, -1 without a row; `forest`: spanning forest of the voltage sources, with the voltage offset of every node.
