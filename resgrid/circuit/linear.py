@@ -40,8 +40,7 @@ cancellation.
 """
 
 _LEAST_PLACES = -800
-"""Binary exponent of a current in A; if the largest driving current is smaller, normwise solutions scale all currents.
-"""
+"""Smallest binary exponent of the largest driving current, in A, for which normwise solutions do not scale currents."""
 
 
 def solve_linear(

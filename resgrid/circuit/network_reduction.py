@@ -43,7 +43,7 @@ _ROUNDINGS = 8.0 * np.finfo(np.float64).eps
 """Bound on the relative error that rounding adds to a conductance when a node is eliminated or currents are summed."""
 
 _MANY_SOLVES, _MOST_FILL = 8, 120.0
-"""Limits for the direct method: least number of right-hand sides, and most entries of the factors per row.
+"""Limits for the direct method: smallest number of right-hand sides, and largest number of factor entries per row.
 
 Method "auto" uses iterations for fewer right-hand sides or fuller factors.
 """
@@ -241,9 +241,9 @@ def _currents_of(shared: tuple[Factor, Contacts], numbers: range) -> list[tuple[
 def resistances_between(conductance: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the effective resistance between every two nodes of a dense network, in ohms, (k, k).
 
-    It is infinite between nodes that are not connected. `conductance` (k, k): symmetric conductances in siemens. Nodes
-    are eliminated without subtractions. Divide and conquer (the nodes of one half are eliminated once for all pairs of
-    the other half) takes about ``3 k**3`` operations.
+    The resistance between nodes that are not connected is infinite. `conductance` (k, k): symmetric conductances in
+    siemens. Nodes are eliminated without subtractions. Divide and conquer (the nodes of one half are eliminated once
+    for all pairs of the other half) takes about ``3 k**3`` operations.
     """
     count = len(conductance)
     resistance = np.zeros((count, count))

@@ -41,7 +41,8 @@ class TerminalReader:
     def nodes(self, terminal: Any) -> Nodes:
         """Return the sorted node numbers of a terminal; raise InputError if it has none, or a node does not exist.
 
-        `terminal`: a node number, a node name, a cell, a list of these, or a mask.
+        `terminal`: a node number, a node name, a list of both, or a mask of nodes; with `self.cells` a cell (a tuple of
+        indices), a list of cells, or a mask of cells.
         """
         found = self._in_cells(terminal) if self.cells else self._in_nodes(terminal)
         nodes = np.unique(np.asarray(found, dtype=np.int64))

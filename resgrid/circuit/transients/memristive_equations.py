@@ -184,10 +184,10 @@ class MemristiveEquations:
         return at._replace(voltage=at.voltage + np.append(change, 0.0)[self.group])
 
     def growth(self, at: Point, drive: Drive, moving: Vector) -> Vector:
-        """Return the derivatives of the drifts with respect to their own states at constant voltages, in 1/s, (m,).
+        """Return the derivative of each drift with respect to its own coordinate at constant voltages, in 1/s, (m,).
 
-        `at`: the unknowns; `drive`: the waveform; `moving` (m,): 1 for a memristor whose state can change, 0 at a
-        limit.
+        A drift is the time derivative of the coordinate of a state.  `at`: the unknowns; `drive`: the waveform;
+        `moving` (m,): 1 for a memristor whose state can change, 0 at a limit.
         """
         chosen = self.circuit.memristors
         own, drop = self.conductance(at.state)[chosen], self.drops(at.voltage, drive.value)[chosen]

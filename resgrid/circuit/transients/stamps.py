@@ -73,9 +73,10 @@ class Stamps:
         return np.asarray(out[: self.size])
 
     def factorized(self, weights: Vector) -> Solve:
-        """Return the solver of the nodal matrix of the elements; raise AccuracyError for a singular matrix.
+        """Return a function that solves with the nodal matrix of the elements; raise AccuracyError if it is singular.
 
-        `weights` (elements,): conductances in siemens.
+        The function maps a right-hand side (n,), in amperes, to the row voltages (n,), in volts.  `weights`
+        (elements,): conductances in siemens.
         """
         if not self.size:
             return lambda right: right
