@@ -23,13 +23,15 @@ from resgrid.scene.recordings.storage import PATH, check_topic_name
 _VIEWS = ("table", "record", "arrays")
 
 NOT_PLANNED = "not_planned"
-"""Value of the column ``outcome`` for a frame in which the map, the start or the goal is missing."""
+"""Value of the column ``outcome`` for a message (map, update or goal) at which map, start or goal are still unknown."""
 
 
 @frozen
 @dataclass(frozen=True, eq=False)
 class StreamReport:
-    """Results for all frames of a recording.  Returned by `resgrid.maps.stream_bag`.
+    """Results for all frames of a recording, i.e. its maps, updates of maps and goals.
+
+    Returned by `resgrid.maps.stream_bag`.
 
     Attributes
     ----------
@@ -161,8 +163,9 @@ def stream_bag(
 ) -> StreamReport:
     """Plan every frame of a recording, write the paths to a new recording, and report the latencies.
 
-    For every map, update and goal, one ``nav_msgs/Path`` is written, with the time of arrival and the time stamp of the
-    message, in the frame of the map.  It has no poses if there is no certified path, so that no outdated path remains.
+    A frame is a map, an update of a map, or a goal.  For every frame one ``nav_msgs/Path`` is written, with the time of
+    arrival and the time stamp of the frame, in the coordinate frame of the map.  The message has no poses if there is
+    no certified path, so that no outdated path remains.
 
     Parameters
     ----------
