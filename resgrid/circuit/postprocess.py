@@ -355,7 +355,7 @@ def node_sums(
 def _log_drop_and_potential(
     system: Equations, values: NodeValues
 ) -> tuple[NDArray[np.float64] | None, NDArray[np.float64] | None]:
-    """Return natural logs of drops (None without two rails) and potentials (None without rails or a drive), (nodes,)."""
+    """Return log drops (None without two rails) and potentials (None with both signs of current), (nodes,) each."""
     potential = _potential(system, values.height)
     if system.rails is None or potential is None:
         return None, potential

@@ -214,7 +214,7 @@ class Route:
 def _line(path: Polyline | Trajectory) -> NDArray[np.float64]:
     """Return the points of a path that are written to the file, in axis coordinates, shape (n, ndim).
 
-    Axis coordinates are those in which the axes of the space have their ranges, before the turn to world coordinates.
+    The axes of the space have their ranges in axis coordinates; the frame of the space maps these to world coordinates.
     """
     return path.line if isinstance(path, Polyline) else path.space.from_world(path.positions)
 
