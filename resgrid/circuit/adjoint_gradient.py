@@ -181,7 +181,7 @@ def forward_currents(op: OperatingPoint) -> Numbers:
     """Return the currents of the small-signal circuit for the voltages of an operating point, in amperes, (resistors,).
 
     The result is a pair of mantissas and exponents of ``2**256``, positive from the first node to the second.  The
-    resistors that replace nonlinear ones come last.
+    resistors that replace nonlinear ones come last; a current there is the differential conductance times the voltage.
     """
     amps, exponent = op.readings.scaled
     if not op.netlist.nonlinear_nodes.size:

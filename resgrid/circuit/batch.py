@@ -110,7 +110,7 @@ def solve_many(
 
 
 def prepare_batch(netlist: Netlist) -> Batch | None:
-    """Return the common set-up of all chips of a nominal netlist; None if no voltage is unknown."""
+    """Return equations and solver for all chips of a nominal netlist; None if the netlist has no unknown voltage."""
     system = assemble(netlist)
     if not system.size:
         return None

@@ -24,7 +24,7 @@ from resgrid.solvers.method_choice import check_method
 from resgrid.solvers.scaled import canonical
 
 Quantity = Literal["voltage", "log_drop", "collision_probability", "path_cost", "path_cost_given_success"]
-"""Quantities at places of a circuit whose derivatives `gradient` computes."""
+"""Names of the quantities that `gradient` can differentiate, at nodes or cells of a circuit."""
 
 
 def gradient(

@@ -193,8 +193,7 @@ def _may_cancel(system: Equations, solution: _Solution) -> bool:
     """Return whether currents may have lost their digits to cancellation and can be recovered.
 
     To recover currents is to compute them again without cancellation.  `system`: equations; `solution`: solution before
-    the recovery.  Grids with currents outside the range of doubles are
-    not recovered.
+    the recovery.  Grids with currents outside the range of doubles are not recovered.
     """
     if system.netlist.space_map is not None and _tiny_currents(system, solution.point) is not None:
         return False
@@ -294,8 +293,8 @@ def _is_driven_where_floating(system: Equations) -> bool:
 def _floating_components(system: Equations) -> tuple[Netlist, NDArray[np.bool_], NDArray[np.bool_]]:
     """Return the floating components as a netlist, and masks of their resistors (resistors,) and sources (sources,).
 
-    One node of each component is tied to ground.  The source currents into a component add up to zero, so that the tie
-    carries no current.  Ends of current sources in other components become ground.
+    A source of 0 V connects one node of each component to ground.  The source currents into a component add up to zero,
+    so that this connection carries no current.  Ends of current sources in other components become ground.
     """
     netlist = system.netlist
     resistors, sources = (

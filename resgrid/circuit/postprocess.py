@@ -31,13 +31,13 @@ DIRECTION_RESIDUAL = 1e-6
 """Largest KCL violation at a node of a direction-safe field, as a fraction of the current through the node."""
 
 HARMLESS = 1e-7
-"""Limit, as a fraction of the current through both end nodes, below which currents up the potential are set to zero."""
+"""Largest current up the potential that is set to 0, as a fraction of the smaller current through its end nodes."""
 
 _LEAST_COMPLEMENT = 1e-3
 """Smallest voltage above the low rail, over the voltage between the rails, that is computed as one minus the drop."""
 
 _IMPRECISE, _IMPRECISE_IN_SMALL = 1e-20, 1e-10
-"""Relative difference of two node values up to which a current between them is imprecise: above, up to 20,000 nodes."""
+"""Relative difference of two node values up to which a current is imprecise: above 20,000 nodes, else the second."""
 
 _LEAST_VOLTS = 2.0**-400
 """Smallest voltage between the rails, in volts, without scaling; a smaller one is multiplied by a power of two."""
@@ -88,7 +88,7 @@ def node_values(system: Equations, factors: Factor | None, watch: ProgressMonito
 
 
 def values_above(system: Equations, heights: NDArray[np.float64]) -> NodeValues:
-    """Return node values without rounding errors from `heights` (nodes,): exact volts above ``system.reference``."""
+    """Return node values without rounding errors; `heights` (nodes,): exact volts above the lowest known voltage."""
     above, zero, volts = _above_low_rail(system, heights)
     value = divided(above, volts)
     value = value._replace(hi=np.nan_to_num(value.hi), noise=0.0)
@@ -191,7 +191,7 @@ def rows_to_nodes(system: Equations, rows: Scaled, known: Scaled) -> Scaled:
 def read_normwise(system: Equations, x: NDArray[np.float64], **details: Any) -> OperatingPoint:
     """Return the operating point of a normwise solution; branch currents are computed at the first access.
 
-    `x` (n,): voltages of the rows above ``system.reference``, in volts; `details`: further fields of the operating
+    `x` (n,): voltages of the rows above the lowest known voltage, in volts; `details`: further fields of the operating
     point, by name.
     """
     if not np.isfinite(x).all():
@@ -355,7 +355,7 @@ def node_sums(
 def _log_drop_and_potential(
     system: Equations, values: NodeValues
 ) -> tuple[NDArray[np.float64] | None, NDArray[np.float64] | None]:
-    """Return log drops (None without two rails) and potentials (None with both signs of current), (nodes,) each."""
+    """Return log drops (two rails) and potentials (or one rail and currents of one sign), (nodes,) each; else None."""
     potential = _potential(system, values.height)
     if system.rails is None or potential is None:
         return None, potential

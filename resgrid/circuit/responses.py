@@ -80,8 +80,8 @@ class SourceFreeCircuit:
     def of(cls, netlist: Netlist, driven: NDArray[np.int64], method: str) -> SourceFreeCircuit:
         """Return the factored circuit, in which currents may enter the nodes `driven`.
 
-        `netlist`: circuit with linear resistors, whose source values are ignored; `driven` (k,): nodes, none of which
-        floats; `method`: ``"auto"``, ``"direct"`` or ``"multigrid"``.
+        `netlist`: circuit with linear resistors; the values of its sources are ignored; `driven` (k,): nodes, none of
+        which floats; `method`: ``"auto"``, ``"direct"`` or ``"multigrid"``.
         """
         pairs = netlist.current_nodes
         netlist = netlist.replace(
@@ -201,7 +201,8 @@ class SourceFreeCircuit:
     def _may_cancel(self, system: Equations, error: float) -> bool:
         """Return whether voltage differences may have lost their digits and can be recovered.
 
-        `system`: equations; `error`: bound on the error of a voltage relative to the largest one.
+        To recover them is to compute them again without cancellation.  `system`: equations; `error`: bound on the error
+        of a voltage relative to the largest one.
         """
         if system.size > EXACT_ROWS:
             return error > DIRECTION_RESIDUAL

@@ -34,7 +34,7 @@ RTOL = 1e-11
 """Largest normwise backward error of every linear solve within a time step."""
 
 Factors = Callable[[float], Factor]
-"""Function that takes a rate in 1/s and returns the factors of ``G + rate C``."""
+"""Function that takes a rate in 1/s and returns the factors of ``G + rate C`` (conductance, capacitance matrix)."""
 
 State = NDArray[np.float64]
 """State of an integration, shape (2, n): voltages of the rows in volts, and their time integrals in volt seconds since
@@ -45,7 +45,8 @@ State = NDArray[np.float64]
 def rate_of(method: Method, h: float) -> float:
     """Return the factor ``rate`` in the matrix ``G + rate C`` of a step, in 1/s, equal for both stages of TR-BDF2.
 
-    `method`: ``"backward_euler"``, ``"trapezoidal"`` or ``"tr-bdf2"``; `h`: length of the step in seconds.
+    ``G``, ``C``: conductance and capacitance matrix; `method`: ``"backward_euler"``, ``"trapezoidal"`` or
+    ``"tr-bdf2"``; `h`: length of the step in seconds.
     """
     return {"backward_euler": 1.0, "trapezoidal": 2.0, "tr-bdf2": 2.0 + _ROOT2}[method] / h
 

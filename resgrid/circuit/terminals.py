@@ -112,8 +112,8 @@ def pairs_of(
 ) -> tuple[tuple[Nodes, ...], NDArray[np.int64]]:
     """Return the node numbers of the different terminals, and the pairs (p, 2) as indices into these terminals.
 
-    `read`: converts terminals to nodes; `pairs`: pairs of terminals; `terminals`: terminals whose pairs are all formed.
-    Exactly one of both must be given, and the other is None.
+    `read`: converts terminals to nodes; `pairs`: pairs of terminals; `terminals`: terminals, of which all pairs are
+    formed. Exactly one of both must be given, and the other is None.
     """
     if (pairs is None) == (terminals is None):
         raise InputError("give either pairs, such as [(0, 5)], or terminals, such as [0, 5, 7]")

@@ -34,7 +34,7 @@ _VIEWS = ("table", "record", "arrays", "message")
 _FIXED_NAMES = {".csv": ["path", "k", "outcome"], ".json": ["schema", "k", "outcome"], ".npz": ["k", "outcome"]}
 """Names of the columns (CSV), keys (JSON) or arrays (NPZ) in a file of one path that an axis may not have, by suffix.
 
-The names of the other columns, which depend on the axes, are those of `column_names`.
+The names of the other columns depend on the axes.
 """
 
 
@@ -274,7 +274,7 @@ def _check_names(space: ConfigurationSpace, suffix: str, fixed: dict[str, list[s
     """Raise InputError if an axis has the name of another column, or a message for ROS cannot represent the poses.
 
     `space`: space of the paths; `suffix`: suffix of the file, such as ``.csv``; `fixed`: for each suffix, names of
-    columns in addition to those of `column_names`; `timed`: whether the paths are trajectories.
+    columns in addition to time, axes, tip and velocities; `timed`: whether the paths are trajectories.
     """
     if suffix == ".yaml" and has_joints(space):
         require_joints(space, timed=timed)

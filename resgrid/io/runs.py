@@ -114,7 +114,7 @@ def _views(runs: Sequence[Run]) -> Views:
 
 
 def _names(axes: Sequence[Axis]) -> list[str]:
-    """Return the names of the columns of a table of runs with these axes."""
+    """Return the names of the columns of a table of runs: totals of a step, values per axis, strongest contact."""
     return [
         "run", "k", "t", "mode", *(axis.name + end for end in _STEP for axis in axes), "contacts", *_CONTACT,
     ]  # fmt: skip
@@ -134,8 +134,8 @@ def _table(runs: Sequence[Run]) -> dict[str, list[Any]]:
 def _rows(run: Run) -> list[list[Any]]:
     """Return the rows of one run: time, mode, values per axis, number of contacts, and the strongest contact.
 
-    The strongest contact of a step has the largest force; its entries are those of `_CONTACT`, or None in steps without
-    contact.
+    The strongest contact of a step has the largest force.  Its entries are point, force, part of the robot, touched
+    obstacle, and whether friction holds it; None in steps without contact.
     """
     contacts = run.contacts
     size = np.hypot(*contacts.force.T)

@@ -71,18 +71,18 @@ class StreamReport:
 
     @property
     def frames(self) -> int:
-        """Number of frames."""
+        """Number of frames: maps, updates of maps and goals in the recording."""
         return len(self.table["frame"])
 
     @property
     def reached(self) -> int:
-        """Number of frames with a certified path to a goal."""
+        """Number of frames (maps, updates and goals) with a certified path to a goal."""
         pairs = zip(self.table["outcome"], self.table["certified"], strict=True)
         return sum(outcome == "reached" and certified for outcome, certified in pairs)
 
     @cached_property
     def _times(self) -> list[float]:
-        """Processor time of each frame whose space was solved, in milliseconds.
+        """Processor time of each frame (map, update or goal) that required a solve, in milliseconds.
 
         The first such frame is left out unless it is the only one, because it cannot reuse earlier work.
         """
@@ -239,11 +239,14 @@ _COLUMNS = (
     "frame", "stamp", "received", "kind", "changed", "method", "outcome", "certified", "length", "clearance", "x", "y",
     "milliseconds", "reason", "note",
 )  # fmt: skip
-"""Names of the columns of the table in `StreamReport`."""
+"""Names of the columns of the table of results, with one row per frame (map, update or goal of a recording)."""
 
 
 def _row(number: int, result: StreamedPath) -> tuple[Any, ...]:
-    """Return the entries of the table for one frame, in the order of `_COLUMNS`; `number`: index of the frame."""
+    """Return the row of the table of results for one frame, from its index and time stamp to the note on the message.
+
+    `number`: index of the frame (a map, an update or a goal); `result`: the planned path and its times.
+    """
     snapshot, nan, report = result.snapshot, float("nan"), result.replanning
     method = "none" if not result.solved else "fresh" if report is None else report.method
     changed = 0

@@ -136,10 +136,10 @@ class Integration:
         return _FIRST * min(self.end, 1 / fastest if fastest > 0 else np.inf)
 
     def _longest(self, at: Point, drive: Drive, drift: Vector, moving: Vector) -> float:
-        """Return the largest length of a step, in seconds: up to the next limit of a state, and short for fast growth.
+        """Return the largest length of a step, in seconds: until a state reaches a limit, and short for fast growth.
 
-        `at`: unknowns; `drive`: waveform; `drift` (m,): time derivatives of the coordinates of states, in 1/s; `moving`
-        (m,): 0 for states at rest.
+        The limits of a state are 0 and 1.  `at`: unknowns; `drive`: waveform; `drift` (m,): time derivatives of the
+        coordinates of states, in 1/s; `moving` (m,): 0 for states at rest.
         """
         growth = self.equations.largest_growth(at, drive, moving)
         ahead = self.equations.coordinates.time_to_limit(at.state, drift, moving)

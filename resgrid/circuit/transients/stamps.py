@@ -36,7 +36,10 @@ class Stamps:
 
     @classmethod
     def of(cls, rows: NDArray[np.int32], size: int) -> Stamps:
-        """Return the stamps of elements; `rows` (elements, 2): rows of both nodes, -1 without one; `size`: rows n."""
+        """Return the positions of elements in the nodal matrix.
+
+        `rows` (elements, 2): rows of both nodes, -1 for a node without a row; `size`: number of rows n.
+        """
         ends = np.where(rows < 0, size, rows).astype(np.int64)
         first, second = ends.T
         own, other = np.concatenate([first, second, first, second]), np.concatenate([first, second, second, first])

@@ -36,11 +36,11 @@ class Coordinates(NamedTuple):
 
     @classmethod
     def of(cls, law: Memristor) -> Coordinates:
-        """Return the coordinates for a law."""
+        """Return the coordinates for the window of a law: the state (rectangular), or its logit (Joglekar)."""
         return cls(True, 0.5, 1.0, 0) if law.window == "rectangular" else cls(False, 0.0, 0.25, law.exponent)
 
     def from_state(self, state: Vector) -> Vector:
-        """Return the coordinates (m,) of states (m,)."""
+        """Return the coordinates (m,) of states (m,): the states themselves, or their logits."""
         return state.copy() if self.has_limits else np.asarray(logit(state))
 
     def to_state(self, s: Vector) -> Vector:
@@ -52,7 +52,10 @@ class Coordinates(NamedTuple):
         return np.ones_like(s) if self.has_limits else np.asarray(expit(s) * expit(-s))
 
     def mobility(self, s: Vector) -> Vector:
-        """Return the factors ``phi`` (m,), without unit, in ``ds/dt = k i phi(s)``; `s` (m,): coordinates."""
+        """Return the factors ``phi`` (m,), without unit, in ``ds/dt = k i phi(s)``.
+
+        ``k``: rate of the law, in 1/C; ``i``: current in amperes; `s` (m,): coordinates of the states.
+        """
         if self.has_limits:
             return np.ones_like(s)
         away = 2 * np.asarray(expit(s)) - 1
