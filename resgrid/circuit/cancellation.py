@@ -66,14 +66,14 @@ class RecoveredCurrents(NamedTuple):
     """Voltages and currents that obey Kirchhoff's current law even where large values cancel.
 
     `volts` (nodes,): voltages above ground in volts, NaN where a node floats; `heights` (nodes,): voltages in volts
-    above the lowest known voltage; `amps` (resistors,): currents from the first end to the
-    second, in amperes; `source_amps` (sources,): currents into the plus terminal in amperes, NaN in a loop of sources;
-    `power`: total power of the resistors, in watts; `unchecked` (nodes,): whether all currents at a node are so small
-    that some of them may have been set to zero; `entry_error`: bound on the relative error of every entry of `volts`
-    and `heights`, infinite if no bound is known; `error_bound`: bound on the error of a voltage relative to the largest
-    one, and of a current relative to the smaller of the total currents through its two end nodes; `floor`: fraction of
-    the largest voltage or current below which values may have been set to zero; `falls` (k,): voltages in volts between
-    the nodes of requested pairs, first minus second, each rounded once; None if no solution in integers was computed.
+    above the lowest known voltage; `amps` (resistors,): currents from the first end to the second, in amperes;
+    `source_amps` (sources,): currents into the plus terminal in amperes, NaN in a loop of sources; `power`: total power
+    of the resistors, in watts; `unchecked` (nodes,): whether all currents at a node are so small that some of them may
+    have been set to zero; `entry_error`: bound on the relative error of every entry of `volts` and `heights`, infinite
+    if no bound is known; `error_bound`: bound on the error of a voltage relative to the largest one, and of a current
+    relative to the smaller of the total currents through its two end nodes; `floor`: fraction of the largest voltage or
+    current below which values may have been set to zero; `falls` (k,): voltages in volts between the nodes of requested
+    pairs, first minus second, each rounded once; None if no solution in integers was computed.
     """
 
     volts: NDArray[np.float64]

@@ -229,10 +229,10 @@ def _bound(system: Equations, factors: SupernodalFactors, found: _Differences) -
     """Return a bound on the relative errors of voltages and currents, one number for both.
 
     The error of a voltage is relative to the largest voltage, the error of a current to the smaller current through
-    the two end nodes of the resistor.
-    `system`: equations of the circuit; `factors`: factors of the matrix; `found`: voltage differences and residuals.
-    The inverse matrix has no negative entry.  The product of the inverse matrix with the magnitudes of the residual
-    currents bounds the voltage errors.  The error of a branch current is also at most the sum of the residual currents.
+    the two end nodes of the resistor.  `system`: equations of the circuit; `factors`: factors of the matrix; `found`:
+    voltage differences and residuals.  The inverse matrix has no negative entry.  The product of the inverse matrix
+    with the magnitudes of the residual currents bounds the voltage errors.  The error of a branch current is also at
+    most the sum of the residual currents.
     """
     netlist, rows = system.netlist, system.unknown[system.netlist.resistor_nodes]
     residual = np.abs(found.net) + _SUM_ROUNDING * found.through
@@ -289,7 +289,7 @@ def _connected_small(
 def _residual(
     system: Equations, rows: NDArray[np.int32], falls: Doubled
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the net current into every row, and half the sum of their magnitudes, in amperes, (n,) each.
+    """Return the net current into every row, and half the sum of the magnitudes of its currents, (n,) each, in A.
 
     `rows` (resistors, 2): rows of both ends, -1 for a known voltage; `falls`: voltages across the resistors (first end
     minus second) in volts, as a pair of arrays (resistors,): leading parts and rounding errors.  A net current within

@@ -75,10 +75,10 @@ def solve_nonlinear(
     """Return the operating point of a netlist with nonlinear resistors.
 
     `accuracy`: ``"direction"`` (componentwise) or ``"normwise"``; `method` of the linear solves: ``"auto"``,
-    ``"direct"`` or ``"multigrid"``; `rtol`:
-    largest backward error for ``"normwise"``; `progress`: function called after every iteration with the number of
-    iterations, the relative residual norm, and the estimated remaining seconds or None.  Raise CircuitError if current
-    sources exceed the capacity of nonlinear resistors, and AccuracyError without convergence.
+    ``"direct"`` or ``"multigrid"``; `rtol`: largest backward error for ``"normwise"``; `progress`: function called
+    after every iteration with the number of iterations, the relative residual norm, and the estimated remaining seconds
+    or None.  Raise CircuitError if current sources exceed the capacity of nonlinear resistors, and AccuracyError
+    without convergence.
 
     Newton's method computes the voltages to the rounding of doubles.  Then the linear circuit of secant conductances is
     solved repeatedly, with conductances updated from the branch currents, until the conductances no longer change.

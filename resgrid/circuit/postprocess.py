@@ -251,9 +251,8 @@ def _branch_currents(
 
     `unknown` (nodes,): row of a node, -1 where KCL is not checked; `falling` (nodes,): values that fall along currents;
     negligible currents against them, as between mirror-symmetric cells, are rounding errors and are set to 0 (if None,
-    all currents stay);
-    `recovered`: recovered currents, or None; `tiny`: currents that replace recovered currents of 0, or None.  Nodes
-    joined by floating sources count as one node.
+    all currents stay); `recovered`: recovered currents, or None; `tiny`: currents that replace recovered currents of 0,
+    or None.  Nodes joined by floating sources count as one node.
     """
     from resgrid.circuit.kernels import drop_unresolved
 

@@ -143,8 +143,8 @@ def controlled_steps(
 
     A state holds the voltages of the rows in volts and their time integrals since 0+.  `dynamics`: equations of the
     circuit; `method`: ``"backward_euler"``, ``"trapezoidal"`` or ``"tr-bdf2"``; `state` (2, n): state at 0+; `times`
-    (t,): output times in seconds; `tolerance`: largest error of a voltage at any time, the sum of the errors of all
-    steps, as a fraction of the voltage range; `factors`: function that returns the factors of ``G + rate C`` for a rate
+    (t,): output times in seconds; `tolerance`: largest error of a voltage at any time, accumulated over all steps,
+    as a fraction of the voltage range; `factors`: function that returns the factors of ``G + rate C`` for a rate
     in 1/s.
 
     The voltage range is the highest minus the lowest voltage of any node, rails included, from 0+ until the step.

@@ -312,8 +312,8 @@ def _boxes_around(changed: NDArray[np.bool_]) -> list[tuple[slice, ...]] | None:
     """Return disjoint, non-adjacent boxes of cells around the changed cells; None if they cover too much of the grid.
 
     Too much is over a quarter of the cells (for the boxes: and over 12,000 cells).  `changed`: mask of the changed
-    cells.  A box has one slice per axis.  The sides of a box lie on a coarse mesh with
-    an even number of cells per step, so that a box has the red-black colouring of the grid.
+    cells.  A box has one slice per axis.  The sides of a box lie on a coarse mesh with an even number of cells per
+    step, so that a box has the red-black colouring of the grid.
     """
     from scipy import ndimage
 

@@ -54,8 +54,8 @@ def leg_record(path: LegPath) -> dict[str, Any]:
     Keys: ``outcome``, ``start``, ``length`` in axis units, ``certified``; ``approximate`` and ``distance`` (whether the
     path ends at the nearest reachable place, and then its distance from the goal in axis units, else None); ``legs``:
     ``kind``, ``certified``, ``length`` and ``clearance`` in axis units (None for an escape) and ``end`` (last point, in
-    world coordinates) of each leg; ``points`` and
-    ``leg_of_points`` (index of the leg of each point); ``message``: reason, only if no goal is reached.
+    world coordinates) of each leg; ``points`` and ``leg_of_points`` (index of the leg of each point); ``message``:
+    reason, only if no goal is reached.
     """
     record: dict[str, Any] = {
         "outcome": str(path.outcome),
