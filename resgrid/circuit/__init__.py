@@ -1,4 +1,4 @@
-"""Circuits: from a netlist to its equations, operating point, transient and effective values.
+"""Circuit analysis of netlists: nodal equations, operating points, transients, effective resistances, gradients.
 
 >>> divider = rg.Netlist(3, [[1, 2], [2, 0]], [1e-3, 1e-3], source_nodes=[[1, 0]], source_volts=[2.0])
 >>> rg.circuit.solve_many(divider, [[1e-3, 1e-3], [1e-3, 3e-3]])[:, 2].round(6)

@@ -7,8 +7,9 @@ of the circuit with zeroed sources to the currents ``c`` (Director & Rohrer 1969
 - ``dF / dI = x_b - x_a`` for a current source from ``a`` to ``b``;
 - ``dF / dE`` is the current into the plus terminal of a voltage source in the adjoint circuit (Tellegen's theorem).
 
-Both voltage differences come from currents that are accurate where differences of voltages are not.  Products are
-formed with separate exponents, so that the derivatives of ``log_drop`` are accurate where the drop itself underflows.
+Both voltage differences are computed from branch currents, which are accurate even where the difference of two rounded
+node voltages is not.  Products are formed with separate exponents, so that the derivatives of ``log_drop`` are accurate
+where the drop itself underflows.
 """
 
 from __future__ import annotations
@@ -60,9 +61,10 @@ class Gradient:
         For path costs (expected costs of a random walk), derivative with respect to the cost of every cell: the
         expected time of the walk in the cell, in units of ``R C``.  None for other functions.
     leak : ndarray of float64, shape of the space, or None
-        Derivative with respect to the leak of every free cell (`Wiring.leak`); the sum is the derivative with respect
-        to the leak of the space.  None for a circuit that was not compiled from a space, with nonlinear resistors, and
-        with open obstacles without a leak, where a leak would replace the drive.
+        Derivative with respect to the leak of every free cell to the obstacle rail (`Wiring.leak`, in 1 / (unit of
+        the axes)^2); the sum is the derivative with respect to the leak of the space.  None for a circuit that was not
+        compiled from a space, with nonlinear resistors, and with open obstacles without a leak, where a leak would
+        replace the drive.
     conductivity : ndarray of float64, shape of the space, or None
         Derivative with respect to the conductivity of every cell, a factor (1 by default) without unit.  None for a
         circuit that was not compiled from a space, and with nonlinear resistors.
@@ -115,10 +117,10 @@ def gradient_of(
 
     `op`: operating point; `netlist`: small-signal circuit at `op`, in which resistors of the differential conductances
     replace the nonlinear ones and come last; `value`: value of the function; `adjoint`: voltages and currents of
-    `netlist` with zeroed sources if the derivatives of the function with respect to the node voltages are injected as
-    currents; `forward` (resistors of `netlist`,): currents in amperes, and `above` (nodes,): voltages above the
-    obstacle rail in volts, both as mantissas and exponents of ``2**256``; `cost` (shape of the space): derivatives with
-    respect to the costs of the cells, None if the function is not a path cost.
+    `netlist` with zeroed sources, caused by injected currents that equal the derivatives of the function with respect
+    to the node voltages; `forward` (resistors of `netlist`,): currents in amperes, and `above` (nodes,): voltages above
+    the obstacle rail in volts, both as mantissas and exponents of ``2**256``; `cost` (shape of the space): derivatives
+    with respect to the costs of the cells, None if the function is not the expected cost of a random walk.
     """
     count, given = len(op.netlist.conductance), op.netlist
     slope = -_product(adjoint.resistor, forward, netlist.conductance)
@@ -179,7 +181,7 @@ def forward_currents(op: OperatingPoint) -> Numbers:
     """Return the currents of the small-signal circuit for the voltages of an operating point, in amperes, (resistors,).
 
     The result is a pair of mantissas and exponents of ``2**256``, positive from the first node to the second.  The
-    resistors that replace nonlinear ones come last.
+    resistors that replace nonlinear ones come last; a current there is the differential conductance times the voltage.
     """
     amps, exponent = op.readings.scaled
     if not op.netlist.nonlinear_nodes.size:
@@ -193,7 +195,7 @@ def source_free_circuit(op: OperatingPoint, driven: NDArray[np.int64], method: s
     """Return the factored small-signal circuit with all sources set to zero.
 
     `op`: operating point around which the circuit is linearized; `driven` (k,): nodes that injected currents may enter;
-    `method`: ``"direct"``, ``"multigrid"``, or ``"auto"`` for the method of `op`.
+    `method`: ``"direct"``, ``"multigrid"``, or ``"auto"`` for the method that solved `op`.
     """
     used = op.method.rpartition(" ")[2]
     if method == "auto" and used in METHODS:

@@ -22,7 +22,7 @@ from resgrid.solvers.hierarchy_reuse import ChipSolver, solve_in_order, solver_b
 from resgrid.solvers.symbolic import order_rows
 
 _SMALL = 1000
-"""Number of rows (unknown voltages) up to which every chip is factored; larger grids are solved by multigrid."""
+"""Largest number of rows (unknown voltages) for which every chip is factored; larger grids use multigrid."""
 
 _MOST_CONTRAST = 1e3
 """Largest ratio of the largest diagonal entry of the nominal matrix to the smallest magnitude of its nonzero entries.
@@ -34,8 +34,9 @@ Up to this ratio, large grids share the coarse multigrid levels of the nominal c
 class Batch(NamedTuple):
     """Common set-up of all chips with one circuit.
 
-    `system`: equations of the nominal chip, whose sparsity all chips have; `solver`: function that solves the equations
-    of many chips one after the other, with the result None for a chip whose solution is not accurate.
+    `system`: equations of the nominal chip; the matrices of all chips have the same sparsity.  `solver`: function of
+    the chips (pairs of a matrix and a right-hand side in amperes) and a relative tolerance; it yields the solution of
+    each chip in volts, or None if the solution is not accurate.
     """
 
     system: Equations
@@ -60,9 +61,10 @@ def solve_many(
     conductances : array_like of float, shape (chips, resistors)
         Conductances of every chip, in siemens; positive and finite.
     rtol : float
-        For multigrid, bound on the norm of the residual relative to the norm of the source currents into the rows.  A
-        current into a node whose conductances exceed all nominal ones is scaled down in proportion.  For factorization,
-        bound on the error of a voltage relative to the largest voltage.  Rounding errors may be larger.
+        For multigrid, bound on the norm of the residual relative to the norm of the currents that sources drive into
+        the nodes of unknown voltage.  A node has a smaller weight in the latter norm if the sum of its conductances
+        exceeds all such sums of the nominal chip.  For factorization, bound on the error of a voltage relative to the
+        largest voltage.  Rounding errors may exceed these bounds.
     executor : concurrent.futures.Executor, optional
         Executor whose threads or processes solve chips in parallel (the kernels release the global interpreter lock);
         by default the chips are solved one after the other.
@@ -108,7 +110,7 @@ def solve_many(
 
 
 def prepare_batch(netlist: Netlist) -> Batch | None:
-    """Return the common set-up of all chips of a nominal netlist; None if no voltage is unknown."""
+    """Return equations and solver for all chips of a nominal netlist; None if the netlist has no unknown voltage."""
     system = assemble(netlist)
     if not system.size:
         return None

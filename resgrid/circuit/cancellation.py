@@ -24,7 +24,7 @@ from resgrid.solvers.conservative_factors import Column, fixed, nearest, scaled,
 from resgrid.solvers.scaled import unscaled
 
 _DEEP_FLOOR, _SHALLOW_FLOOR, _SMALL = 1000, 200, 1000
-"""Negated binary exponents of the floor, and the number of rows up to which the deeper floor applies.
+"""Negated binary exponents of the floor, and the largest number of rows for which the deeper floor applies.
 
 The floor is the magnitude below which voltages and currents are set to zero: the largest one times ``2**-1000``, or
 times ``2**-200`` in a larger circuit, since every 53 binary digits take a step of refinement.
@@ -66,14 +66,14 @@ class RecoveredCurrents(NamedTuple):
     """Voltages and currents that obey Kirchhoff's current law even where large values cancel.
 
     `volts` (nodes,): voltages above ground in volts, NaN where a node floats; `heights` (nodes,): voltages in volts
-    above the lowest known voltage, ``Equations.reference``; `amps` (resistors,): currents from the first end to the
-    second, in amperes; `source_amps` (sources,): currents into the plus terminal in amperes, NaN in a loop of sources;
-    `power`: total power of the resistors, in watts; `unchecked` (nodes,): whether all currents at a node are so small
-    that some of them may have been set to zero; `entry_error`: bound on the relative error of every entry of `volts`
-    and `heights`, infinite if no bound is known; `error_bound`: bound on the error of a voltage relative to the largest
-    one, and of a current relative to the current through either end; `floor`: fraction of the largest voltage or
-    current below which values may have been set to zero; `falls` (k,): voltages between the nodes of requested pairs in
-    volts, each rounded once, None if they were not computed.
+    above the lowest known voltage; `amps` (resistors,): currents from the first end to the second, in amperes;
+    `source_amps` (sources,): currents into the plus terminal in amperes, NaN in a loop of sources; `power`: total power
+    of the resistors, in watts; `unchecked` (nodes,): whether all currents at a node are so small that some of them may
+    have been set to zero; `entry_error`: bound on the relative error of every entry of `volts` and `heights`, infinite
+    if no bound is known; `error_bound`: bound on the error of a voltage relative to the largest one, and of a current
+    relative to the smaller of the total currents through its two end nodes; `floor`: fraction of the largest voltage or
+    current below which values may have been set to zero; `falls` (k,): voltages in volts between the nodes of requested
+    pairs, first minus second, each rounded once; None if no solution in integers was computed.
     """
 
     volts: NDArray[np.float64]
@@ -107,8 +107,8 @@ class _Resistor(NamedTuple):
 def solve_in_integers(system: Equations, columns: list[Column], pairs: Pairs = ()) -> RecoveredCurrents | None:
     """Return the solution of the equations in integer arithmetic, or None if the refinement diverges.
 
-    `columns`: elimination steps of the matrix ``system.laplacian``; `pairs`: pairs of nodes whose voltage differences
-    are part of the solution.  Refinement may diverge after underflow in the factors.
+    `columns`: elimination steps of the matrix ``system.laplacian``; `pairs`: pairs of nodes; the voltage between the
+    two nodes of each pair is part of the solution.  Refinement may diverge after underflow in the factors.
     """
     depth = _DEEP_FLOOR if system.size <= _SMALL else _SHALLOW_FLOOR
     state = refine_in_integers(system, columns, depth, _GUARD, pairs)
@@ -141,11 +141,11 @@ class IntegerState:
     """Voltages and currents in integers, which corrections change in place.
 
     `system`: equations; `depth`: binary digits between the largest value and the floor, below which values are set to
-    zero; `floor`: binary logarithm of the current, in units of ``2**unit_amps`` A, below which currents may be set to
-    zero; `unit_volts`, `unit_amps`: binary logarithms of the units of voltage and current in volts and amperes;
-    `pairs`: pairs of nodes whose voltage differences must be accurate; `resistors`: resistors that may carry current;
-    `volts` (nodes,): voltages above ground; `net` (n + 1,): net current
-    into every row; the last entry collects the currents into nodes of known voltage and is not used.
+    zero; `floor`: lower limit of this floor for currents, as a binary logarithm in units of ``2**unit_amps`` A;
+    `unit_volts`, `unit_amps`: binary logarithms of the units of voltage and current in volts and amperes; `pairs`:
+    pairs of nodes whose voltage differences must be accurate; `resistors`: resistors that may carry current; `volts`
+    (nodes,): voltages above ground, in the unit of voltage; `net` (n + 1,): net current into every row, in the unit of
+    current; the last entry collects the currents into nodes of known voltage and is not used.
     """
 
     system: Equations
@@ -159,16 +159,17 @@ class IntegerState:
     net: list[int]
 
     def current(self, resistor: _Resistor, fall: int) -> int:
-        """Return the current of a resistor for the voltage difference `fall`, rounded down to an integer.
+        """Return the current of a resistor from the first to the second node, rounded down to an integer.
 
-        The current is in units of ``2**unit_amps`` A, and `fall` in units of ``2**unit_volts`` V.
+        The current is in units of ``2**unit_amps`` A.  `fall`: voltage of the first node minus that of the second, in
+        units of ``2**unit_volts`` V.
         """
         return fall * resistor.siemens >> resistor.places + self.unit_amps - self.unit_volts
 
     def conduct(self, resistor: _Resistor, fall: int) -> None:
-        """Subtract a resistor's current from the row of the first end, and add it to the row of the second end.
+        """Subtract a resistor's current from `net` at the row of the first node, and add it at that of the second node.
 
-        `fall`: voltage difference across the resistor, in units of ``2**unit_volts`` V.
+        `fall`: voltage of the first node minus that of the second, in units of ``2**unit_volts`` V.
         """
         amps, (first, second) = self.current(resistor, fall), resistor.rows
         self.net[first] -= amps
@@ -195,8 +196,8 @@ class IntegerState:
 
         `power`: binary logarithm of the square root ``s`` of the power that the correction dissipates, as returned by
         `correct`.  The current through a conductance ``g`` has an error of at most ``sqrt(g) s``.  A node with a
-        resistance ``R`` to ground has a voltage error of at most ``sqrt(R) s``.  Values below the floor are set to
-        zero.
+        resistance ``R`` to ground has a voltage error of at most ``sqrt(R) s``.  The floor is the magnitude below
+        which values are set to zero: ``2**-depth`` times the largest one.
         """
         logs = [each.log for each in self.resistors if each.rows[0] != each.rows[1]]
         if not logs:
@@ -373,8 +374,9 @@ def with_tiny_values(
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Return recovered values ``m 2**(256 e)`` as m and e, in which tiny values replace those that were set to zero.
 
-    `values`: recovered values; `floor`: fraction of the largest one below which they were set to zero; `tiny`,
-    `exponent`: mantissas and exponents of the same values before the recovery.
+    `values`: voltages or currents, computed again without cancellation, with 0 for values below the fraction `floor` of
+    the largest one; `tiny`, `exponent`: the same values before this computation, as mantissas and exponents of
+    ``2**256``.
     """
     lost = (values == 0.0) & (np.abs(unscaled(tiny, exponent)) <= floor_of(values, floor))
     return np.where(lost, tiny, values), np.where(lost, exponent, 0)

@@ -35,7 +35,7 @@ after corrections in double-double have failed (some seconds).
 """
 
 _CERTAIN = 1e-9
-"""Largest change of a current by the last correction, as a fraction of the current through the nodes at its ends.
+"""Largest change of a current by the last correction, as a fraction of the smaller current through its end nodes.
 
 A larger change means that the corrections have not converged.
 """
@@ -51,7 +51,8 @@ a sum of currents below `_UNCHECKED_KCL`.
 _UNBOUNDED = 1e-20
 """Smallest divisor of a relative error, as a fraction of the largest current in the circuit.
 
-The bound on the error of a current is divided by the current through the end nodes, or by this value if it is larger.
+The bound on the error of a current is divided by the smaller current through its two end nodes, but at least by this
+fraction of the largest current.
 """
 
 _DIGITS = 48
@@ -64,7 +65,7 @@ _SUM_ROUNDING = 2.0**-98
 """Rounding error of a sum of currents in double-double, as a fraction of the sum of the magnitudes."""
 
 _MOST_VOLTS = 1e200
-"""Largest entry of a correction, in volts, from which the corrections count as divergent."""
+"""Limit on the entries of a correction, in volts; the corrections count as divergent if an entry reaches it."""
 
 _MOST_STEPS = 30
 
@@ -73,9 +74,9 @@ Doubled = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
 def recover_currents(system: Equations, pairs: Pairs = ()) -> tuple[RecoveredCurrents | None, DirectFactor | None]:
-    """Return currents that obey KCL at every row (unknown voltage), and the factors of the matrix.
+    """Return voltages and currents that obey KCL at every row (unknown voltage), and the factors of the matrix.
 
-    `system`: equations; `pairs`: pairs of nodes whose voltage differences a solution in integers also contains.
+    `system`: equations; `pairs`: pairs of nodes; a solution in integers also contains the voltage between both nodes.
 
     Both results are None if the factors exceed the memory; the factors are also None without rows.  Circuits whose
     factors have at most 10,000 entries are solved in integers.  Larger circuits, and all grids of cells with two rails,
@@ -111,9 +112,10 @@ class _Differences(NamedTuple):
 
     `falls` (resistors,): voltage of the first end minus voltage of the second end, in volts; `heights` (n,): voltages
     of the rows above the lowest known voltage, in volts; `net`, `through` (n,): net current into every row, and half
-    the sum of the magnitudes, in amperes; `change`: largest change of a current by the last correction, as a fraction
-    of the current through either end, infinite after divergence; `unresolved` (resistors,): whether a current is
-    indistinguishable from zero; `currentless` (resistors,): whether a current is zero for any conductances.
+    the sum of the magnitudes of its currents, in amperes; `change`: largest change of a current by the last correction,
+    as a fraction of the smaller current through its two ends, infinite after divergence; `unresolved` (resistors,):
+    whether a current is indistinguishable from zero; `currentless` (resistors,): whether a resistor lies in a dead end,
+    where the current is zero for any conductances.
     """
 
     falls: Doubled
@@ -153,9 +155,9 @@ def _correct(system: Equations, factors: SupernodalFactors) -> RecoveredCurrents
 def _refined(system: Equations, factors: SupernodalFactors) -> _Differences:
     """Return voltage differences and voltages as sums of corrections, computed from KCL residuals.
 
-    The corrections end when none changes a current by more than 1e-9 of the currents at either end, or when they
-    diverge (`_Differences.change` is then infinite).  `system`: equations of the circuit; `factors`: factors of their
-    matrix.
+    The corrections end when none changes a current by more than 1e-9 of the smaller current through its ends, or when
+    they diverge (`_Differences.change` is then infinite).  `system`: equations of the circuit; `factors`: factors of
+    their matrix.
     """
     netlist, zeros, forest = system.netlist, np.zeros(system.size), system.forest
     ends, rows = netlist.resistor_nodes, system.unknown[netlist.resistor_nodes]
@@ -226,10 +228,11 @@ def _currentless(system: Equations, rows: NDArray[np.int32]) -> NDArray[np.bool_
 def _bound(system: Equations, factors: SupernodalFactors, found: _Differences) -> float:
     """Return a bound on the relative errors of voltages and currents, one number for both.
 
-    The error of a voltage is relative to the largest voltage, that of a current to the current through either end.
-    `system`: equations of the circuit; `factors`: factors of the matrix; `found`: voltage differences and residuals.
-    The inverse matrix has no negative entry.  The product of the inverse matrix with the magnitudes of the residual
-    currents bounds the voltage errors.  The error of a branch current is also at most the sum of the residual currents.
+    The error of a voltage is relative to the largest voltage, the error of a current to the smaller current through
+    the two end nodes of the resistor.  `system`: equations of the circuit; `factors`: factors of the matrix; `found`:
+    voltage differences and residuals.  The inverse matrix has no negative entry.  The product of the inverse matrix
+    with the magnitudes of the residual currents bounds the voltage errors.  The error of a branch current is also at
+    most the sum of the residual currents.
     """
     netlist, rows = system.netlist, system.unknown[system.netlist.resistor_nodes]
     residual = np.abs(found.net) + _SUM_ROUNDING * found.through
@@ -286,7 +289,7 @@ def _connected_small(
 def _residual(
     system: Equations, rows: NDArray[np.int32], falls: Doubled
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the net current into every row, and half the sum of the magnitudes there, in amperes, (n,) each.
+    """Return the net current into every row, and half the sum of the magnitudes of its currents, (n,) each, in A.
 
     `rows` (resistors, 2): rows of both ends, -1 for a known voltage; `falls`: voltages across the resistors (first end
     minus second) in volts, as a pair of arrays (resistors,): leading parts and rounding errors.  A net current within
@@ -302,9 +305,10 @@ def _flows(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Return the net currents into nodes or rows, their rounding errors, and the sums of the magnitudes, in amperes.
 
-    `ends` (resistors, 2), `source_ends` (current sources, 2): nodes or rows of the ends, negative ones are left out;
-    `count`: number of nodes or rows, the length of the results; `falls`: voltages across the resistors (first end minus
-    second) in volts, as a pair of arrays (resistors,): leading parts and rounding errors.  Sums are in double-double.
+    `ends` (resistors, 2), `source_ends` (current sources, 2): nodes or rows of the ends; ends with a negative number
+    are left out; `count`: number of nodes or rows, the length of the results; `falls`: voltages across the resistors
+    (first end minus second) in volts, as a pair of arrays (resistors,): leading parts and rounding errors.  Sums are in
+    double-double.
     """
     from resgrid.circuit.kernels import add_flows
 

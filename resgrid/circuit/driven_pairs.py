@@ -21,7 +21,9 @@ from resgrid.errors import CircuitError
 @frozen
 @dataclass(frozen=True, eq=False)
 class PairCurrents:
-    """Voltages and currents of a circuit in which a current flows from a first to a second terminal.
+    """Voltages and currents of a circuit while a current enters at a first terminal and leaves at a second one.
+
+    A terminal is a node, or several nodes joined by ideal wires.
 
     Returned by `resgrid.circuit.pair_currents`.
 
@@ -32,7 +34,7 @@ class PairCurrents:
     resistance : float
         Effective resistance between the terminals, in ohms.
     amps : float
-        Current from the first terminal to the second, in amperes.
+        Current through the circuit from the first terminal to the second, in amperes.
     power : float
         Dissipated power, ``resistance * amps**2``, in watts.
     voltage : ndarray of float64, shape (nodes,)
@@ -94,11 +96,11 @@ def pair_currents(
     amps : float
         Current from the first terminal to the second, in amperes.
     cells : bool
-        Whether terminals are cells of the compiled space.
+        Whether terminals are cells of the compiled space (index tuples, lists of these, or masks) instead of nodes.
     method : {"auto", "direct", "multigrid"}
-        Method for the linear system.
+        Method for the linear system; ``"auto"`` chooses by size and shape.
     threads : int
-        Largest number of threads.
+        Largest number of threads of the solve.
 
     Returns
     -------
@@ -141,8 +143,8 @@ def currents_between_groups(
     """Return voltages and currents while a current flows between two different groups of joined nodes.
 
     `group` (nodes,): number of the group of joined nodes of every node; `high`, `low`: groups of the first and the
-    second terminal; `amps`: current from the first to the second, in amperes; `method`: method of the linear system;
-    `threads`: largest number of threads. Raises CircuitError if no resistors connect the groups.
+    second terminal; `amps`: current from the first to the second, in amperes; `method`: ``"auto"``, ``"direct"`` or
+    ``"multigrid"``; `threads`: largest number of threads. Raises CircuitError if no resistors connect the groups.
     """
     driven, place = _driven(netlist, group, high, low)
     point = solve_linear(driven, accuracy="direction", method=method, rtol=1e-10, threads=threads)

@@ -8,7 +8,8 @@ At time 0+ capacitors keep their charge.  Write ``x = E_c y + N z``: the columns
 of ``C``, and those of ``E_c`` are unit vectors of rows whose block ``C_cc`` of ``C`` is regular.  The charges ``q``
 determine ``y`` by ``C_cc y = q``.  Kirchhoff's current law for the components that no capacitor connects to a known
 voltage determines ``z`` by ``N^T G N z = N^T (b - G E_c y)``.  Both matrices are nodal and are assembled as such, so
-that a weak tie of a component with strong conductances is not lost to rounding.
+that a small conductance between a component and a rail is not lost to rounding beside large conductances inside the
+component.
 
 The energy that the sources deliver until time ``t`` is ``t W^T G_n W + W^T C_n (V(t) - V(0))``, with the matrices
 ``G_n`` and ``C_n`` of all nodes.  By Tellegen's theorem the source currents may be weighted by any voltages ``W`` that
@@ -84,20 +85,20 @@ class Dynamics:
     def imbalance(self, x: NDArray[np.float64], drive: NDArray[np.float64] | float) -> NDArray[np.float64]:
         """Return ``drive - G x``, the current that charges every row, in amperes, (n,), from voltage differences.
 
-        `x` (n,): voltages of the rows in volts; `drive` (n,) or number: currents from sources into the rows, in
-        amperes.
+        ``G``: conductance matrix; `x` (n,): voltages of the rows in volts; `drive` (n,) or number: currents from
+        sources into the rows, in amperes.
         """
         incidence, value = self.branches
         return np.asarray((drive - self.conductance.ground * x) - incidence.T @ (value * (incidence @ x)))
 
     @property
     def is_capacitance_diagonal(self) -> bool:
-        """Whether every capacitor is connected to a rail, so that the matrix ``C`` is diagonal."""
+        """Whether every capacitor is connected to a rail, so that the capacitance matrix ``C`` is diagonal."""
         return not len(self.capacitance.as_rows().indices)
 
     @cached_property
     def null_space(self) -> sparse.csr_array:
-        """Basis ``N`` of the null space of ``C``, shape (n, components), with entries 0 and 1.
+        """Basis ``N`` of the null space of the capacitance matrix ``C``, shape (n, components), with entries 0 and 1.
 
         A column is a component of rows that capacitors connect to each other, but not to a known voltage.  A row
         without capacitance is a component of its own.
@@ -110,9 +111,10 @@ class Dynamics:
 
     @cached_property
     def charged(self) -> NDArray[np.bool_]:
-        """Mask (n,) of the rows of the positive definite block ``C_cc`` of ``C``.
+        """Mask (n,) of the rows of a positive definite block ``C_cc`` of the capacitance matrix ``C``.
 
-        The mask contains all rows except one of every column of `null_space`.
+        The mask leaves out one row of every component that capacitors connect, but not to a known voltage.  A row
+        without capacitance is such a component.
         """
         columns = sparse.csc_array(self.null_space)
         charged = np.ones(self.size, dtype=np.bool_)
@@ -121,12 +123,15 @@ class Dynamics:
 
     @cached_property
     def capacitance_factor(self) -> Factor | None:
-        """Factors of ``C_cc``, the block of ``C`` of the rows `charged`; None without capacitors."""
+        """Factors of ``C_cc``, the block of the capacitance matrix for the rows `charged`; None if there are none."""
         return factor_laplacian(self.capacitance.within(self.charged), "auto") if self.charged.any() else None
 
     @cached_property
     def null_space_factor(self) -> Factor | None:
-        """Factors of ``N^T G N``, with the basis ``N`` of `null_space`; None if the null space is empty."""
+        """Factors of ``N^T G N``: conductance matrix ``G``, basis ``N`` of the null space of the capacitance matrix.
+
+        None if the null space is empty.
+        """
         if not self.null_space.shape[1]:
             return None
         return factor_laplacian(self.conductance.grouped(sparse.csr_array(self.null_space.T)), "auto")
@@ -164,8 +169,9 @@ class Dynamics:
 def dynamics_of(netlist: Netlist) -> Dynamics:
     """Return the equations ``C x' + G x = b`` of a netlist with capacitors.
 
-    Raise InputError for a netlist with nonlinear resistors, and CircuitError for contradictory sources or for source
-    currents into a floating component.
+    ``C``, ``G`` (n, n): capacitance and conductance matrix; ``x`` (n,): unknown voltages; ``b`` (n,): currents from
+    sources.  Raise InputError for a netlist with nonlinear resistors, and CircuitError for contradictory sources or for
+    source currents into a floating component.
     """
     if not isinstance(netlist, Netlist):
         raise InputError(f"netlist is of type {type(netlist).__name__}; give a resgrid.Netlist")
@@ -205,8 +211,9 @@ def dynamics_of(netlist: Netlist) -> Dynamics:
 def factor_resolvent(dynamics: Dynamics, rate: float, method: str = "auto") -> Factor:
     """Return the factors of ``G + rate C``, for normwise and componentwise solves.
 
-    `dynamics`: equations ``C x' + G x = b``; `rate`: in 1/s, such as the inverse of a time step; `method`: "auto",
-    "direct" or "multigrid".  Raise CircuitError if the rate is 0 and ``G`` is singular.
+    `dynamics`: equations ``C x' + G x = b`` with the capacitance matrix ``C`` and the conductance matrix ``G``; `rate`:
+    in 1/s, such as the inverse of a time step; `method`: "auto", "direct" or "multigrid".  Raise CircuitError if the
+    rate is 0 and ``G`` is singular.
     """
     G, C = dynamics.conductance, dynamics.capacitance
     if rate == 0.0:
@@ -341,7 +348,7 @@ def _solve_residual(
 def energy_delivered(
     dynamics: Dynamics, time: float, change: NDArray[np.float64], integral: NDArray[np.float64]
 ) -> float:
-    """Return the energy that all sources have delivered since 0+, in joules, without floating components.
+    """Return the energy that all sources have delivered since 0+, in joules; floating components are not counted.
 
     `time`: time since 0+ in seconds; `change` (n,): change of the voltages of the rows since 0+, in volts; `integral`
     (n,): time integral of the voltages of the rows since 0+, in volt seconds.

@@ -180,7 +180,8 @@ def effective_resistance(
         At least two terminals, whose pairs are all computed, in the order (0, 1), (0, 2), ..., (1, 2), ...; instead of
         `pairs`.
     cells : bool
-        Whether terminals are cells of the compiled space: a tuple of indices, a list of tuples, or a mask of cells.
+        Whether terminals are cells of the compiled space (a tuple of indices, a list of tuples, or a mask of cells)
+        instead of nodes.
     joined : {"pair", "all"}
         Regions that are wires while a pair is measured: those of this pair only, or all.  ``"all"`` needs a single
         factorization for any number of regions.
@@ -189,7 +190,7 @@ def effective_resistance(
     threads : int
         Largest number of threads of one linear solve in one process.
     executor : concurrent.futures.Executor, optional
-        Workers that share the right-hand sides (and the pairs with regions).
+        Workers that share the right-hand sides (and the pairs with regions); None for this process.
     progress : callable, optional
         Called as ``progress(done, total)`` after every linear system.
 
@@ -250,7 +251,7 @@ def reduce_network(
     executor: Executor | None = None,
     progress: Count | None = None,
 ) -> ReducedNetwork:
-    """Return the network between some terminals that is equivalent to a circuit (Kron reduction).
+    """Return the network of resistors between some terminals that is equivalent to a circuit (Kron reduction).
 
     The currents into the terminals are the same functions of the terminal voltages in both circuits.  Independent
     sources are set to zero: a voltage source is a wire, a current source is open.
@@ -260,15 +261,15 @@ def reduce_network(
     netlist : Netlist or Circuit
         Circuit of linear resistors.
     terminals : sequence
-        Node numbers, node names, or regions: lists of nodes or masks, whose nodes are joined by ideal wires.
+        Node numbers, node names, or regions: lists or masks of nodes.  Ideal wires join the nodes of a region.
     cells : bool
-        Whether terminals are cells of the compiled space.
+        Whether terminals are cells of the compiled space (index tuples, lists of these, or masks) instead of nodes.
     method : {"auto", "direct", "multigrid"}
-        Method for the linear systems.
+        Method for the linear systems; ``"auto"`` chooses by size and shape.
     threads : int
         Largest number of threads of one solve.
     executor : concurrent.futures.Executor, optional
-        Workers that share the right-hand sides.
+        Workers that share the right-hand sides; None for this process.
     progress : callable, optional
         Called as ``progress(done, total)`` after every linear system.
 
@@ -326,7 +327,7 @@ def _share_factors(
 ) -> tuple[NDArray[np.float64], float, str]:
     """Return resistances (p,) in ohms, the bound on their relative error and the method, from a single factorization.
 
-    `ends`: nodes of every terminal, which ideal wires join; `pairs` (p, 2): indices of both terminals of every pair.
+    `ends`: nodes of every terminal, joined by ideal wires; `pairs` (p, 2): indices of both terminals of every pair.
     """
     group = joined_nodes(netlist, ends)
     groups, number = np.unique([group[nodes[0]] for nodes in ends], return_inverse=True)
@@ -370,7 +371,7 @@ def _resistances_of(
 ) -> list[tuple[float, float, str]]:
     """Return the resistance in ohms, the bound on its relative error and the method, for each of some pairs.
 
-    `pairs`: node numbers of both terminals of each pair, which ideal wires join.
+    `pairs`: node numbers of both terminals of each pair; ideal wires join the nodes of a terminal.
     """
     results = []
     for pair in pairs:

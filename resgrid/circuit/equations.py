@@ -15,12 +15,12 @@ from resgrid.errors import CircuitError
 from resgrid.solvers.laplacian import EdgeList, Grid, Laplacian, Rails
 
 _MANY = 20_000
-"""Largest number of current sources with an end at ground whose sum, the current into ground, is rounded only once."""
+"""Largest number of current sources at ground for which their sum, the current into ground, is rounded only once."""
 
 ALWAYS_RECOVERED = 500
-"""Number of nodes up to which currents of circuits without cells are always computed again by `current_recovery`.
+"""Largest number of nodes for which currents of circuits without cells are always recomputed by iterative correction.
 
-For so few nodes this takes milliseconds.
+The correction keeps the digits that voltage differences lose to cancellation.  For so few nodes it takes milliseconds.
 """
 
 
@@ -97,7 +97,7 @@ class Equations:
         return self.laplacian.rails
 
     def known_voltages(self) -> NDArray[np.float64]:
-        """Return a new array (nodes,) of the known voltages in volts: rails and `undriven` nodes; NaN elsewhere."""
+        """Return a new array (nodes,) of known voltages in V: rails and components without current; NaN elsewhere."""
         forest = self.forest
         known = np.full(forest.count, np.nan)
         held = forest.base == GROUND
@@ -106,9 +106,9 @@ class Equations:
         return known
 
     def heights(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the voltages of all nodes above ``self.reference``, in volts, (nodes,), NaN if floating.
+        """Return the voltages of all nodes above the lowest known voltage, in volts, (nodes,), NaN if floating.
 
-        `x` (n,): voltages of the rows above ``self.reference``, in volts.
+        `x` (n,): voltages of the rows above the lowest known voltage (``self.reference``), in volts.
         """
         own = np.where(self.unknown >= 0, self.forest.offsets[0], self.known_voltages() - self.reference)
         return np.asarray(own + np.append(x, 0.0)[self.unknown])
@@ -116,14 +116,15 @@ class Equations:
     def voltages(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the voltages of all nodes above ground, in volts, (nodes,), NaN if floating.
 
-        `x` (n,): voltages of the rows above ``self.reference``, in volts.
+        `x` (n,): voltages of the rows above the lowest known voltage (``self.reference``), in volts.
         """
         return self.above_ground(self.heights(x))
 
     def above_ground(self, heights: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the voltages of all nodes above ground, in volts, (nodes,), NaN if floating.
 
-        `heights` (nodes,): voltages above ``self.reference``, in volts.  Known voltages are returned without rounding.
+        `heights` (nodes,): voltages above the lowest known one, in volts.  Known voltages are returned without
+        rounding.
         """
         if self.reference == 0.0:
             return heights
@@ -139,7 +140,7 @@ class Equations:
 
     @property
     def drive(self) -> NDArray[np.float64]:
-        """Right-hand side: sum of `feed` and `injected`, in amperes, shape (n,)."""
+        """Right-hand side: currents that known voltages and current sources drive into the rows, in amperes, (n,)."""
         if not self.injected.any():
             return self.feed
         return self.feed + self.injected if self.feed.any() else self.injected
@@ -315,7 +316,7 @@ def _range(values: NDArray[np.float64], group: NDArray[np.int32], count: int) ->
 def contacts_of(
     ends: NDArray[np.int32], candidates: NDArray[np.int32], unknown: NDArray[np.int32], forest: SourceForest
 ) -> RailContacts:
-    """Return the contacts among candidate elements: connections of rows to known voltages or to rows of other offset.
+    """Return the contacts among some elements: connections of rows to known voltages or to rows with voltage offsets.
 
     `ends` (m, 2): nodes of all elements; `candidates` (k,): indices of the candidates; `unknown` (nodes,): row of every
     node, -1 without a row; `forest`: spanning forest of the voltage sources, with the voltage offset of every node.

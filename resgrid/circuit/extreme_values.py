@@ -33,7 +33,7 @@ _MOST_NODES = 2000
 """Largest number of nodes for this arithmetic; a mesh of 2,000 nodes takes up to ten seconds."""
 
 _PLAIN = 900
-"""Binary exponent up to which a current is stored without a separate exponent; the inverse is the lower limit."""
+"""Largest magnitude of the binary logarithm of a current, in amperes, that is stored without a separate exponent."""
 
 _DEPTH, _GUARD = 2200, 2500
 """Numbers of binary digits of the integers between the largest value and the floor, and below the floor.
@@ -49,7 +49,10 @@ _ARITHMETIC = decimal.Context(prec=40, Emin=decimal.MIN_EMIN, Emax=decimal.MAX_E
 
 
 def is_extreme(netlist: Netlist) -> bool:
-    """Return whether a circuit has values outside the usual range, at most 2,000 nodes, and no space."""
+    """Return whether a circuit of at most 2,000 nodes, without a space, has values outside ``2**-126`` to ``2**126``.
+
+    The values are conductances, source voltages and source currents other than 0, in SI units.
+    """
     if netlist.space_map is not None or netlist.node_count > _MOST_NODES:
         return False
     values = np.abs(np.concatenate([netlist.conductance, netlist.source_volts, netlist.current_amps]))
@@ -127,7 +130,10 @@ def _fixed(value: Decimal) -> Fixed:
 
 
 def _scaled_currents(state: IntegerState) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return the resistor currents as ``mantissa * 2**(256 exponent)`` A, (resistors,) each; 0 below the floor."""
+    """Return the resistor currents as ``mantissa * 2**(256 exponent)`` A, (resistors,) each, first to second node.
+
+    Currents below the floor, a tiny fraction of the largest current, are 0.
+    """
     count = len(state.system.netlist.conductance)
     amps, exponent = np.zeros(count), np.zeros(count, dtype=np.int64)
     values = [
@@ -153,7 +159,8 @@ def _floor(state: IntegerState, largest: int) -> int:
 def _residual(state: IntegerState) -> float:
     """Return the largest net current into a row, as a fraction of the current through the row.
 
-    Rows with currents near the floor are not checked, because some of their currents may have been set to zero.
+    The current through a row is half the sum of the magnitudes of its resistor currents.  Rows with currents near the
+    floor, below which currents are set to zero, are not checked.
     """
     through = [0] * len(state.net)
     for each in state.resistors:
@@ -166,7 +173,11 @@ def _residual(state: IntegerState) -> float:
 
 
 def _log_drops(state: IntegerState) -> NDArray[np.float64] | None:
-    """Return the natural logarithms of the drops from the high rail, (nodes,); None without two rails."""
+    """Return the natural logarithms of the drops from the high rail, (nodes,); None without two rails.
+
+    A drop is a fraction of the voltage between the rails.  The result is -inf on the high rail, and NaN at floating
+    nodes and at nodes that sources hold at other voltages.
+    """
     rails, volts = state.system.rails, state.volts
     if rails is None:
         return None
@@ -191,9 +202,11 @@ def _log_ratio(above: int, below: int) -> float:
 
 
 def _potentials(state: IntegerState) -> NDArray[np.float64] | None:
-    """Return the potentials, (nodes,): the voltages above the low or only rail over the largest one.
+    """Return the potentials, (nodes,): 0 at the low or only rail, 1 at the high rail or at the extreme node.
 
-    None unless two rails, or one rail and injected currents of one sign, drive the rows.
+    With one rail, the extreme node is the row with the largest voltage difference from the rail.  NaN where a node
+    floats or a source holds it outside the rails.  None unless two rails, or one rail and injected currents of one
+    sign, drive the rows.
     """
     system, volts = state.system, state.volts
     base, solved = state.units(system.reference), system.unknown >= 0

@@ -1,4 +1,7 @@
-"""Functionals of node voltages whose gradients are computed: weighted sums of voltages and of log drops."""
+"""Weighted sums of node voltages and of log drops: weights of places, log drops, and derivatives by node voltages.
+
+Gradients of these sums are computed elsewhere, by the adjoint method.
+"""
 
 from __future__ import annotations
 
@@ -21,11 +24,11 @@ _LOG_UNIT = BITS * float(np.log(2.0))
 
 
 def place_weights(netlist: Netlist, at: Any, weights: ArrayLike | None, cells: bool) -> NDArray[np.float64]:
-    """Return the weight of every node, (nodes,): the sum of the weights of the places at this node, 0 without a place.
+    """Return the weight of every node, (nodes,): the sum of the weights of the places at the node, else 0.
 
     `at`: one place, a list of places, or a mask; a place is a node number, a node name, or with `cells` a cell of the
-    compiled space (a tuple of indices); `weights` (places,): weight of every place, None for 1; `cells`: whether places
-    are cells.
+    compiled space (a tuple of indices); all nodes of a mask are one place with one weight; `weights` (places,): weight
+    of every place, None for 1; `cells`: whether places are cells.
     """
     if at is None:
         raise InputError("at is missing: give a node, such as at=5, or a cell, such as at=(3, 4), cells=True")
@@ -75,8 +78,9 @@ def checked_seeds(op: OperatingPoint, name: str, seed: ArrayLike | None) -> NDAr
 def log_drops(op: OperatingPoint, weights: NDArray[np.float64], beyond: float = np.nan) -> NDArray[np.float64]:
     """Return the log drops of the k nodes with a weight other than 0, in the order of the nodes, (k,).
 
-    `weights` (nodes,): weights; `beyond`: an accepted value that is not finite, NaN for none.  Raise InputError if
-    another log drop is not finite, or if the circuit has no log drops.
+    A log drop is the natural logarithm of the drop from the high rail.  `weights` (nodes,): weights; `beyond`: an
+    infinite log drop that is accepted, such as -inf on the high rail; NaN to accept none.  Raise InputError if another
+    log drop is not finite, or if the circuit has no log drops.
     """
     if op.log_drop is None:
         raise InputError(

@@ -24,7 +24,7 @@ from resgrid.solvers.method_choice import check_method
 from resgrid.solvers.scaled import canonical
 
 Quantity = Literal["voltage", "log_drop", "collision_probability", "path_cost", "path_cost_given_success"]
-"""Quantities at places of a circuit whose derivatives `gradient` computes."""
+"""Names of the quantities that `gradient` can differentiate, at nodes or cells of a circuit."""
 
 
 def gradient(
@@ -63,7 +63,8 @@ def gradient(
         The rail voltages in ``u`` are constants; they do not move with the sources.  An array contains weights ``c``
         of the node voltages, and the quantity is ``c . V``.
     at : int, str, tuple or sequence
-        Place, or several places: node numbers or names, or cells.  The function is the sum over the places.
+        Place, or several places: node numbers or names, or cells.  The function is the sum over the places.  Required
+        with a name in `of`; not allowed with an array.
     weights : array_like of float, shape (places,), optional
         Weight of every place in the sum, 1 by default.
     cost : array_like of float, shape of the space, optional
@@ -184,8 +185,8 @@ def pullback(
 def _of_collision(op: OperatingPoint, seed: NDArray[np.float64], method: str) -> Gradient:
     """Return the gradient of a weighted sum of collision probabilities.
 
-    `op`: operating point; `seed` (nodes,): weight of the collision probability of every node; `method`: method of the
-    linear system.
+    `op`: operating point; `seed` (nodes,): weight of the collision probability of every node; `method`: ``"direct"``,
+    ``"multigrid"``, or ``"auto"`` for the method that solved `op`.
     """
     drops = log_drops(op, seed, beyond=-np.inf)
     high, low = rail_voltages(op)

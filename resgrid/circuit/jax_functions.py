@@ -49,13 +49,14 @@ def jax_solver(
     netlist : Netlist or Circuit
         The circuit.
     output : {"voltage", "log_drop"}
-        Result of the function: node voltages in volts, or the log drops of the nodes, which exist with two rails.
+        Result of the function: node voltages in volts, or the natural logarithms of the drops of the nodes from the
+        high rail.  Log drops exist only with two rails.
     inputs : sequence of {"conductance", "conductivity", "voltage", "current"}
         Arguments of the function, in this order: conductances of the resistors in siemens, or conductivities of the
         cells of a compiled space; voltages of the voltage sources in volts; currents of the current sources in amperes.
         Other values are those of `netlist`.
     method : {"auto", "direct", "multigrid"}
-        Method for the linear systems.
+        Method for the linear systems; ``"auto"`` chooses by size and shape.
 
     Returns
     -------
@@ -122,7 +123,7 @@ def jax_solver(
 
 @dataclass(frozen=True, eq=False)
 class _Host:
-    """The functions that run outside of jax.
+    """A circuit with the functions that jax calls on the host: solve, and multiply weights with the Jacobian matrix.
 
     `netlist`: the circuit; `output`: ``"voltage"`` or ``"log_drop"``; `inputs`: names of the arguments,
     ``"conductance"``, ``"conductivity"``, ``"voltage"`` or ``"current"``; `method`: method of the linear systems.
@@ -203,7 +204,7 @@ class _Host:
     def _compiled(self, conductivity: NDArray[np.float64]) -> Netlist:
         """Return the compiled netlist of the space with other conductivities.
 
-        `conductivity` (shape of the space): conductivities of the cells, in units of the nominal one.
+        `conductivity` (shape of the space): conductivities of the cells, factors without unit.
         """
         cells = self.netlist.cells
         return compile_space(ConfigurationSpace(cells.space.axes, cells.space.cell, conductivity), cells.wiring)

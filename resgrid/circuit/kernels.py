@@ -1,4 +1,4 @@
-"""Kernels over the elements of a netlist: connected components, branch currents and Kirchhoff's current law."""
+"""Kernels over the elements of a netlist: components, resistors without current, branch currents, net currents."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from resgrid.solvers.scaled_kernels import _canonical, _shift, _sum, _two_produc
 Bools = NDArray[np.bool_]
 
 _DOUBLE_DOUBLE_ROUNDING = 1e-30
-"""Relative difference of two double-doubles up to which this difference is a rounding error."""
+"""Largest relative difference of two double-doubles that counts as a rounding error."""
 
 
 @kernel
@@ -82,9 +82,9 @@ def mark_currentless(
 ) -> None:  # fmt: skip
     """Mark the resistors that lie on no path between two terminals of sources, in place.
 
-    `pairs` (m, 2): rows at the ends, and n for a terminal; `start` (n + 2,), `edge` (2 m,): the resistors at every
-    vertex in compressed rows; `place` (n + 1,): a copy of ``start[:-1]``; `order`, `low`, `entry`, `path` (n + 1,):
-    work arrays filled with -1; `edges` (m,): work array; `currentless` (m,): the result.
+    `pairs` (m, 2): row at each end, or the number n of rows for a terminal; `start` (n + 2,), `edge` (2 m,): the
+    resistors at every vertex in compressed rows; `place` (n + 1,): a copy of ``start[:-1]``; `order`, `low`, `entry`,
+    `path` (n + 1,): work arrays filled with -1; `edges` (m,): work array; `currentless` (m,): the result.
 
     All terminals are one vertex, the root.  A resistor carries current only in a biconnected component (Hopcroft and
     Tarjan, Commun. ACM 16, 1973, 372) that at least two resistors join to the root.  Resistors without a path to the
@@ -150,12 +150,12 @@ def currents(
 ) -> float:  # fmt: skip
     """Compute the currents of the resistors, and return the dissipated power in watts.
 
-    `pairs` (m, 2): nodes; `conductance` (m,): in siemens; `value`, `is_drop` (nodes,): node values in units of the
-    voltage between the rails, and whether each is a drop from the high rail instead of a voltage above the low rail;
-    `volts`: voltage between the rails, in volts; `rounding`: relative rounding error of voltages above the low rail;
-    `amps`, `exponent` (m,): receive the currents ``amps * 2**(256 exponent)`` A, from the first to the second node;
-    `threshold`: relative difference of two values below which their difference is imprecise; `imprecise` (m,): receives
-    whether the voltage difference is imprecise or a rounding error, but not zero.
+    `pairs` (m, 2): nodes of the resistors; `conductance` (m,): in siemens; `value`, `is_drop` (nodes,): node values in
+    units of the voltage between the rails, and whether each is a drop from the high rail instead of a voltage above the
+    low rail; `volts`: voltage between the rails, in volts; `rounding`: relative rounding error of voltages above the
+    low rail; `amps`, `exponent` (m,): receive the currents ``amps * 2**(256 exponent)`` A, from the first to the second
+    node; `threshold`: relative difference of two values below which their difference is imprecise; `imprecise` (m,):
+    receives whether the voltage difference is imprecise or a rounding error, but not zero.
     """
     hi, lo, e, drop_rounding = value.hi, value.lo, value.exponent, value.noise
     power = 0.0

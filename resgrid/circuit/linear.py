@@ -35,12 +35,12 @@ from resgrid.solvers.threads import SINGLE_THREAD, ThreadTeam
 _LARGEST_ROUNDING = 1e-10
 """Limit on the rounding error of a sum of source voltages, as a fraction of the smallest source voltage.
 
-Beyond the limit, currents of circuits with more than 20,000 rows are recovered too
-(`resgrid.circuit.current_recovery`).
+Beyond the limit, the currents of circuits with more than 20,000 rows are also recovered, i.e. computed again without
+cancellation.
 """
 
 _LEAST_PLACES = -800
-"""Binary exponent of the largest driving current, below which normwise solutions scale the currents."""
+"""Smallest binary exponent of the largest driving current, in A, for which normwise solutions do not scale currents."""
 
 
 def solve_linear(
@@ -117,11 +117,11 @@ class _Run(NamedTuple):
 class _Solution(NamedTuple):
     """A componentwise solution, and the quantities that decide whether it is accurate.
 
-    `point`: operating point; `values`: node voltages relative to the rails; `residual` (nodes,): KCL residual as a
-    fraction of the current through a node; `imprecise`: whether currents above 1e-7 of the current through a node have
-    few correct digits; `error_bound`: bound on the errors of voltages relative to the largest one, and of currents
-    relative to the current through a node, 0 if no bound is computed; `recovered`: whether the currents come from
-    `resgrid.circuit.current_recovery`, which proves them independently.
+    `point`: operating point; `values`: voltage of every node from the nearer rail; `residual` (nodes,): KCL residual
+    as a fraction of the current through the node (half the sum of the magnitudes of its currents); `imprecise`: whether
+    currents above 1e-7 of the current through a node have few correct digits; `error_bound`: bound on the errors of
+    voltages relative to the largest one, and of currents relative to the current through a node, 0 if no bound is
+    computed; `recovered`: whether the currents were computed again without cancellation, with a proof of their own.
     """
 
     point: OperatingPoint
@@ -192,8 +192,8 @@ def _tiny_currents(system: Equations, point: OperatingPoint) -> BranchCurrents |
 def _may_cancel(system: Equations, solution: _Solution) -> bool:
     """Return whether currents may have lost their digits to cancellation and can be recovered.
 
-    `system`: equations; `solution`: solution before the recovery.  Grids with currents outside the range of doubles are
-    not recovered.
+    To recover currents is to compute them again without cancellation.  `system`: equations; `solution`: solution before
+    the recovery.  Grids with currents outside the range of doubles are not recovered.
     """
     if system.netlist.space_map is not None and _tiny_currents(system, solution.point) is not None:
         return False
@@ -293,8 +293,8 @@ def _is_driven_where_floating(system: Equations) -> bool:
 def _floating_components(system: Equations) -> tuple[Netlist, NDArray[np.bool_], NDArray[np.bool_]]:
     """Return the floating components as a netlist, and masks of their resistors (resistors,) and sources (sources,).
 
-    One node of each component is tied to ground.  The source currents into a component add up to zero, so that the tie
-    carries no current.  Ends of current sources in other components become ground.
+    A source of 0 V connects one node of each component to ground.  The source currents into a component add up to zero,
+    so that this connection carries no current.  Ends of current sources in other components become ground.
     """
     netlist = system.netlist
     resistors, sources = (

@@ -43,7 +43,7 @@ _ROUNDINGS = 8.0 * np.finfo(np.float64).eps
 """Bound on the relative error that rounding adds to a conductance when a node is eliminated or currents are summed."""
 
 _MANY_SOLVES, _MOST_FILL = 8, 120.0
-"""Limits for the direct method: least number of right-hand sides, and most entries of the factors per row.
+"""Limits for the direct method: smallest number of right-hand sides, and largest number of factor entries per row.
 
 Method "auto" uses iterations for fewer right-hand sides or fuller factors.
 """
@@ -161,7 +161,7 @@ def _between_terminals(netlist: Netlist, terminal: NDArray[np.int32], count: int
 def _inner_network(
     netlist: Netlist, group: Nodes, terminal: NDArray[np.int32], count: int
 ) -> tuple[Laplacian, Contacts]:
-    """Return the matrix of the inner nodes that are connected to a terminal, and their contacts with terminals.
+    """Return the matrix of the inner nodes that are connected to a terminal, and their resistors to terminals.
 
     `group` (nodes,): number of the group of joined nodes of every node; `terminal` (nodes,): terminal of every node, -1
     for inner nodes; `count`: number of terminals. A group of joined inner nodes is one row of the matrix.
@@ -241,9 +241,9 @@ def _currents_of(shared: tuple[Factor, Contacts], numbers: range) -> list[tuple[
 def resistances_between(conductance: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the effective resistance between every two nodes of a dense network, in ohms, (k, k).
 
-    It is infinite between nodes that are not connected. `conductance` (k, k): symmetric conductances in siemens. Nodes
-    are eliminated without subtractions. Divide and conquer (the nodes of one half are eliminated once for all pairs of
-    the other half) takes about ``3 k**3`` operations.
+    The resistance between nodes that are not connected is infinite. `conductance` (k, k): symmetric conductances in
+    siemens. Nodes are eliminated without subtractions. Divide and conquer (the nodes of one half are eliminated once
+    for all pairs of the other half) takes about ``3 k**3`` operations.
     """
     count = len(conductance)
     resistance = np.zeros((count, count))
@@ -279,7 +279,7 @@ def _across(network: NDArray[np.float64], half: int, nodes: NDArray[np.int64], o
     """Compute the effective resistances between the first `half` nodes of a network and its other nodes.
 
     `network` (k, k): conductances; `nodes` (k,): index in `out` of every node; `out` (n, n): array to which the
-    resistances are written. Each half of the larger of both sets is eliminated in turn.
+    resistances are written. The larger set of nodes is halved, and each half is eliminated in turn.
     """
     from resgrid.circuit.resistance_kernels import without_nodes
 
@@ -299,8 +299,8 @@ def _across(network: NDArray[np.float64], half: int, nodes: NDArray[np.int64], o
 def _write_small(network: NDArray[np.float64], half: int, nodes: NDArray[np.int64], out: NDArray[np.float64]) -> None:
     """Compute the effective resistances in a network of at most `_LEAF` nodes, and write them to `out`.
 
-    `network` (k, k): conductances; `half`: number of nodes on one side, whose resistances to the other nodes are
-    computed; 0 for all pairs; `nodes` (k,): index in `out` of every node; `out` (n, n): resistances.
+    `network` (k, k): conductances; `half`: number k1 for the resistances between the first k1 nodes and the others;
+    0 for all pairs; `nodes` (k,): index in `out` of every node; `out` (n, n): resistances.
     """
     from resgrid.circuit.resistance_kernels import small_network_resistances
 
@@ -314,5 +314,5 @@ def _write_small(network: NDArray[np.float64], half: int, nodes: NDArray[np.int6
 
 
 def elimination_error(count: int) -> float:
-    """Return the bound on the relative error of `resistances_between` for a network of `count` nodes."""
+    """Return the bound on the relative rounding error of resistances by elimination in a network of `count` nodes."""
     return _ROUNDINGS * count

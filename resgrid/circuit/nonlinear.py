@@ -74,10 +74,11 @@ def solve_nonlinear(
 ) -> OperatingPoint:
     """Return the operating point of a netlist with nonlinear resistors.
 
-    `accuracy`: ``"direction"`` (componentwise) or ``"normwise"``; `method`: method of the linear solves; `rtol`:
-    largest backward error for ``"normwise"``; `progress`: function called after every iteration with the number of
-    iterations, the relative residual norm, and the estimated remaining seconds or None.  Raise CircuitError if current
-    sources exceed the capacity of nonlinear resistors, and AccuracyError without convergence.
+    `accuracy`: ``"direction"`` (componentwise) or ``"normwise"``; `method` of the linear solves: ``"auto"``,
+    ``"direct"`` or ``"multigrid"``; `rtol`: largest backward error for ``"normwise"``; `progress`: function called
+    after every iteration with the number of iterations, the relative residual norm, and the estimated remaining seconds
+    or None.  Raise CircuitError if current sources exceed the capacity of nonlinear resistors, and AccuracyError
+    without convergence.
 
     Newton's method computes the voltages to the rounding of doubles.  Then the linear circuit of secant conductances is
     solved repeatedly, with conductances updated from the branch currents, until the conductances no longer change.
@@ -185,12 +186,13 @@ class NewtonSolution(NamedTuple):
 def newton(netlist: Netlist, *, method: str = "auto") -> NewtonSolution:
     """Return the node voltages of a circuit with nonlinear resistors, from a damped Newton method.
 
-    `method`: method of the linear solves.  A step is shortened until the co-content decreases along the whole step.  If
-    the steps become very short, deep in saturation, they alternate with steps that use the secant conductances.  A
-    secant step minimises a quadratic upper bound of the co-content that touches it at the current voltages, as in
-    iteratively reweighted least squares.
+    `method` of the linear solves: ``"auto"``, ``"direct"`` or ``"multigrid"``.  A step is shortened until the
+    co-content decreases along the whole step.  If the steps become very short, deep in saturation, they alternate with
+    steps that use the secant conductances.  A secant step minimises a quadratic upper bound of the co-content that
+    touches it at the current voltages, as in iteratively reweighted least squares.
 
-    Raise CircuitError if the current sources exceed the capacity of a cut, and AccuracyError without convergence.
+    Raise CircuitError if the current sources exceed the capacity of a cut, the sum of ``I0`` of the resistors in the
+    cut, and AccuracyError without convergence.
     """
     circuit = _NonlinearCircuit.of(netlist, method)
     x, stalled = np.zeros(circuit.system.size), False
@@ -298,7 +300,7 @@ class _NonlinearCircuit:
         return np.asarray(self.incidence.T @ (self.law.secant(drop) * drop) - self.system.injected)
 
     def obeys_kcl(self, x: NDArray[np.float64], drop: NDArray[np.float64], excess: NDArray[np.float64]) -> bool:
-        """Return whether the violation of KCL at every row is negligible and within the rounding error of the row.
+        """Return whether every row violates KCL by at most its rounding error and 1e-9 of the largest current.
 
         `x` (n,): voltages of the rows; `drop` (elements,): voltages across elements, in volts; `excess` (n,):
         violations in amperes.
@@ -339,7 +341,8 @@ class _NonlinearCircuit:
     def refuse_overloaded_cut(self, netlist: Netlist, x: NDArray[np.float64]) -> None:
         """Raise CircuitError if the current sources exceed the capacity of a cut through nonlinear resistors.
 
-        The cuts separate the rows above, or below, each voltage of `x` (n,), in volts, from all other rows.
+        The capacity is the sum of the currents ``I0`` of the resistors in the cut.  The cuts separate the rows above,
+        or below, each voltage of `x` (n,), in volts, from all other rows.
         """
         volts, rank = np.unique(np.append(x, 0.0), return_inverse=True)  # the last entry stands for the rails
         count, rows = len(volts), self.system.unknown[self.system.netlist.resistor_nodes]

@@ -33,7 +33,8 @@ class BranchCurrents(NamedTuple):
     `resistor_current` (resistors,): currents in amperes, from the first node to the second, 0 if they underflow;
     `scaled`: the resistor currents as mantissas and exponents, ``mantissa * 2**(256 exponent)`` A, (resistors,) each;
     `source_current` (sources,): currents in amperes, into the plus terminal; `power`: dissipated power in watts;
-    `kcl_residual`: largest violation of Kirchhoff's current law, as a fraction of the current through the node.
+    `kcl_residual`: largest violation of Kirchhoff's current law, as a fraction of the current through the node (half
+    the sum of the magnitudes of its currents).
     """
 
     resistor_current: NDArray[np.float64]
@@ -105,7 +106,8 @@ class OperatingPoint:
     power : float
         Power dissipated in the resistors, nonlinear ones included, in watts.
     kcl_residual : float
-        Largest violation of Kirchhoff's current law at a node, relative to the current through that node.
+        Largest violation of Kirchhoff's current law at a node, relative to the current through that node: half the sum
+        of the magnitudes of its currents.
     readings : BranchCurrents
         Branch currents, power and KCL residual.
     has_stored_currents : bool
@@ -216,6 +218,7 @@ class OperatingPoint:
     def kcl_residual(self) -> float:
         """Largest violation of Kirchhoff's current law at a node, relative to the current through that node.
 
-        Nodes joined by floating voltage sources count as one node.
+        The current through a node is half the sum of the magnitudes of its currents.  Nodes joined by floating voltage
+        sources (sources without a chain of sources to ground) count as one node.
         """
         return self.readings.kcl_residual

@@ -42,7 +42,8 @@ def path_cost_gradient(op: OperatingPoint, seed: NDArray[np.float64], cost: Arra
     """Return the gradient of a weighted sum of the expected costs of random walks until they end on a rail.
 
     `op`: operating point; `seed` (nodes,): weights of the start nodes; `cost` (shape of the space): costs of the cells
-    per unit of time ``R C``, None for 1; `method`: method of the linear systems.
+    per unit of time ``R C``, None for 1; `method`: ``"direct"``, ``"multigrid"``, or ``"auto"`` for the method that
+    solved `op`.
     """
     costs, weights = _costs_of(op, cost), checked_seeds(op, "path_cost", seed)
     circuit = source_free_circuit(op, costs.node, method)
@@ -59,7 +60,8 @@ def successful_path_cost_gradient(
     """Return the gradient of a weighted sum of the expected costs of the random walks that end on the low rail.
 
     `op`: operating point; `seed` (nodes,): weights of the start nodes; `cost` (shape of the space): costs of the cells
-    per unit of time ``R C``, None for 1; `method`: method of the linear systems.
+    per unit of time ``R C``, None for 1; `method`: ``"direct"``, ``"multigrid"``, or ``"auto"`` for the method that
+    solved `op`.
     """
     costs, drops, (high, low) = _costs_of(op, cost), log_drops(op, seed), rail_voltages(op)
     circuit, chosen = source_free_circuit(op, costs.node, method), np.flatnonzero(seed)
@@ -109,10 +111,11 @@ def _costs_of(op: OperatingPoint, cost: ArrayLike | None) -> _Costs:
 
 
 def _of_walks(found: Gradient, costs: _Costs, times: NDArray[np.float64]) -> Gradient:
-    """Return a gradient with the derivatives with respect to costs, and with zeros for the derivatives to sources.
+    """Return a gradient with derivatives with respect to costs, and zeros for those with respect to sources.
 
-    `found`: gradient without these; `costs`: costs of the free nodes; `times` (nodes,): derivative of the expected cost
-    with respect to `costs.amps`, in ohms: ``R`` times the expected time of the walk at the node, in units of ``R C``.
+    `found`: gradient without derivatives with respect to costs; `costs`: costs of the free nodes; `times` (nodes,):
+    derivative of the expected cost with respect to `costs.amps`, in ohms: ``R`` times the expected time of the walk at
+    the node, in units of ``R C``.
     """
     space, resistance = found.op.netlist.cells.space, found.op.netlist.cells.wiring.resistance
     by_cell = np.zeros(space.cell.size)

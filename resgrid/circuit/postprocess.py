@@ -31,16 +31,16 @@ DIRECTION_RESIDUAL = 1e-6
 """Largest KCL violation at a node of a direction-safe field, as a fraction of the current through the node."""
 
 HARMLESS = 1e-7
-"""Fraction of a node's through-current, below which currents that do not flow down the potential are set to zero."""
+"""Largest current up the potential that is set to 0, as a fraction of the smaller current through its end nodes."""
 
 _LEAST_COMPLEMENT = 1e-3
 """Smallest voltage above the low rail, over the voltage between the rails, that is computed as one minus the drop."""
 
 _IMPRECISE, _IMPRECISE_IN_SMALL = 1e-20, 1e-10
-"""Relative difference of two values below which their current is imprecise; the second for at most 20,000 nodes."""
+"""Relative difference of two node values up to which a current is imprecise: above 20,000 nodes, else the second."""
 
 _LEAST_VOLTS = 2.0**-400
-"""Voltage between the rails, in volts, below which a power of two is split off: its square would underflow."""
+"""Smallest voltage between the rails, in volts, without scaling; a smaller one is multiplied by a power of two."""
 
 _NO_EXPONENT = -(2**62)
 _PLAIN_EXPONENT = 2
@@ -88,7 +88,7 @@ def node_values(system: Equations, factors: Factor | None, watch: ProgressMonito
 
 
 def values_above(system: Equations, heights: NDArray[np.float64]) -> NodeValues:
-    """Return the values of nodes whose voltages are exact; `heights` (nodes,): volts above ``system.reference``."""
+    """Return node values without rounding errors; `heights` (nodes,): exact volts above the lowest known voltage."""
     above, zero, volts = _above_low_rail(system, heights)
     value = divided(above, volts)
     value = value._replace(hi=np.nan_to_num(value.hi), noise=0.0)
@@ -191,7 +191,8 @@ def rows_to_nodes(system: Equations, rows: Scaled, known: Scaled) -> Scaled:
 def read_normwise(system: Equations, x: NDArray[np.float64], **details: Any) -> OperatingPoint:
     """Return the operating point of a normwise solution; branch currents are computed at the first access.
 
-    `x` (n,): solution of the equations, in volts; `details`: further fields of the operating point, by name.
+    `x` (n,): voltages of the rows above the lowest known voltage, in volts; `details`: further fields of the operating
+    point, by name.
     """
     if not np.isfinite(x).all():
         raise CircuitError(OUT_OF_RANGE)
@@ -249,9 +250,9 @@ def _branch_currents(
     """Return branch currents, relative KCL residuals (nodes,), whether currents above `HARMLESS` lack correct digits.
 
     `unknown` (nodes,): row of a node, -1 where KCL is not checked; `falling` (nodes,): values that fall along currents;
-    negligible currents against them, as between mirror-symmetric cells, are rounding errors and are set to 0;
-    `recovered`: recovered currents, or None; `tiny`: currents that replace recovered currents of 0, or None.  Nodes
-    joined by floating sources count as one node.
+    negligible currents against them, as between mirror-symmetric cells, are rounding errors and are set to 0 (if None,
+    all currents stay); `recovered`: recovered currents, or None; `tiny`: currents that replace recovered currents of 0,
+    or None.  Nodes joined by floating sources count as one node.
     """
     from resgrid.circuit.kernels import drop_unresolved
 
@@ -353,7 +354,7 @@ def node_sums(
 def _log_drop_and_potential(
     system: Equations, values: NodeValues
 ) -> tuple[NDArray[np.float64] | None, NDArray[np.float64] | None]:
-    """Return natural logs of drops (None without two rails) and potentials (None: see `_potential`), (nodes,) each."""
+    """Return log drops (two rails) and potentials (or one rail and currents of one sign), (nodes,) each; else None."""
     potential = _potential(system, values.height)
     if system.rails is None or potential is None:
         return None, potential

@@ -37,7 +37,10 @@ from resgrid.solvers.scaled import Numbers, Scaled, canonical, power
 from resgrid.solvers.threads import SINGLE_THREAD
 
 _PLAIN = 2
-"""Largest difference of the exponents of ``2**256`` of injected currents whose response can be recovered in doubles."""
+"""Largest difference of the exponents of ``2**256`` of injected currents for a recovery of the response in doubles.
+
+The recovery computes voltages and currents again without cancellation.
+"""
 
 _NO_EXPONENT = -(2**62)
 
@@ -49,7 +52,7 @@ class Response:
     `voltage` (nodes,): voltages in volts, 0 where the node floats; `fall` (current sources,): voltages across the
     current sources of the given circuit, first minus second node, in volts; `resistor` (resistors,): currents from the
     first to the second node in amperes; `source` (sources,): currents into the plus terminals of the voltage sources in
-    amperes, NaN in loops of sources; falls and currents are mantissas and exponents of ``2**256``.
+    amperes, NaN in loops of sources; `fall`, `resistor` and `source` are mantissas and exponents of ``2**256``.
     """
 
     voltage: Scaled
@@ -77,8 +80,8 @@ class SourceFreeCircuit:
     def of(cls, netlist: Netlist, driven: NDArray[np.int64], method: str) -> SourceFreeCircuit:
         """Return the factored circuit, in which currents may enter the nodes `driven`.
 
-        `netlist`: circuit with linear resistors, whose source values are ignored; `driven` (k,): nodes, none of which
-        floats; `method`: ``"auto"``, ``"direct"`` or ``"multigrid"``.
+        `netlist`: circuit with linear resistors; the values of its sources are ignored; `driven` (k,): nodes, none of
+        which floats; `method`: ``"auto"``, ``"direct"`` or ``"multigrid"``.
         """
         pairs = netlist.current_nodes
         netlist = netlist.replace(
@@ -125,9 +128,12 @@ class SourceFreeCircuit:
         return response
 
     def _response(self, voltage: Scaled, resistor: Numbers, amps: Numbers) -> Response:
-        """Return a response whose source currents and falls are computed from currents and voltages.
+        """Return a response, with the remaining fields computed from node voltages and resistor currents.
 
-        `voltage` (nodes,): in volts; `resistor` (resistors,): currents; `amps` (nodes,): injected currents.
+        The remaining fields are the currents of the voltage sources, which act as wires, and the voltages across the
+        current sources of the given circuit (first minus second node).  `voltage` (nodes,): in volts; `resistor`
+        (resistors,): currents in amperes from the first to the second node; `amps` (nodes,): currents injected into the
+        nodes, in amperes.  Currents are mantissas and exponents of ``2**256``.
         """
         first, second = (Scaled(*(part[end] for part in voltage[:3])) for end in self.pairs.T)
         fall = minus(first, second)
@@ -136,7 +142,8 @@ class SourceFreeCircuit:
     def _recovered(self, system: Equations, first: Response, amps: Numbers) -> Response | None:
         """Return a response in which no digits are lost where large values cancel, or None if it is not possible.
 
-        `system`: equations; `first`: response before the recovery; `amps` (nodes,): injected currents.
+        `system`: equations; `first`: response before the recovery; `amps` (nodes,): currents injected into the nodes,
+        in amperes, as mantissas and exponents of ``2**256``.
         """
         unit = int(amps[1][amps[0] != 0.0].max()) if amps[0].any() else 0
         if np.any(amps[1][amps[0] != 0.0] < unit - _PLAIN):
@@ -146,7 +153,11 @@ class SourceFreeCircuit:
             return None
 
         def with_unit(values: NDArray[np.float64], before: Numbers) -> Numbers:
-            """Return recovered values, or the values before the recovery where these are too small to be recovered."""
+            """Return recovered values as mantissas and exponents of ``2**256``.
+
+            `values`: recovered values in units of ``2**(256 unit)``; `before`: values before the recovery, which
+            replace those that the recovery has set to zero because they are too small.
+            """
             mantissa, exponent = with_tiny_values(values, found.floor, before[0], before[1] - unit)
             return mantissa, exponent + unit
 
@@ -190,7 +201,8 @@ class SourceFreeCircuit:
     def _may_cancel(self, system: Equations, error: float) -> bool:
         """Return whether voltage differences may have lost their digits and can be recovered.
 
-        `system`: equations; `error`: bound on the error of a voltage relative to the largest one.
+        To recover them is to compute them again without cancellation.  `system`: equations; `error`: bound on the error
+        of a voltage relative to the largest one.
         """
         if system.size > EXACT_ROWS:
             return error > DIRECTION_RESIDUAL

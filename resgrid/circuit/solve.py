@@ -19,7 +19,7 @@ from resgrid.solvers.progress import Progress, ProgressMonitor
 
 ACCURACIES = ("direction", "normwise")
 PETSC = "petsc"
-"""Name of the method of `resgrid.plan` for spaces on several processes; `solve` rejects this method."""
+"""Name of the method of `resgrid.plan` for spaces on several processes; `resgrid.solve` rejects this method."""
 
 
 class CircuitLike(Protocol):
@@ -122,7 +122,8 @@ def factorize(netlist: Netlist | CircuitLike, *, method: str = "auto") -> Circui
     Returns
     -------
     CircuitFactor
-        Factors with the method ``solve(rhs)``; `rhs` contains the currents into the rows of ``CircuitFactor.system``.
+        Factors with the method ``solve(rhs)``; `rhs` contains the currents, in amperes, into the rows (unknown
+        voltages) of ``CircuitFactor.system``.
 
     Raises
     ------

@@ -28,10 +28,10 @@ _ROUNDED = 1e-24
 """Mismatch of a loop, relative to the voltages of its nodes, up to which it is computed again without rounding."""
 
 _MOST_OF_FLOW = 0.6
-"""Fraction of the total current of a tree of sources, above which the current of a source is summed on the other side.
+"""Limit on the current of the subtree below a source, as a fraction of the total current of the tree of sources.
 
-If the subtree below a source carries more, the sum is over the rest of the tree instead of over the subtree, because
-the smaller sum has the smaller rounding error.
+The current of the source is the sum over the subtree up to this limit, and beyond it the sum over the rest of the tree,
+because the smaller sum has the smaller rounding error.
 """
 
 
@@ -234,7 +234,7 @@ def without_loops(forest: SourceForest, current: NDArray[np.float64]) -> NDArray
 def contradictions(
     forest: SourceForest, forest_volts: NDArray[np.float64], ends: NDArray[np.int32], volts: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Return by how many volts each source contradicts the forest, and whether this is too much; (sources,) each.
+    """Return by how many volts each source contradicts the forest, and whether by more than the tolerance; (sources,).
 
     `forest_volts` (sources of the forest,): voltages of the sources from which the forest was built; `ends` (sources,
     2), `volts` (sources,): plus and minus nodes, and voltages, of the sources to check.  The tolerance is

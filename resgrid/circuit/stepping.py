@@ -34,7 +34,7 @@ RTOL = 1e-11
 """Largest normwise backward error of every linear solve within a time step."""
 
 Factors = Callable[[float], Factor]
-"""Function that takes a rate in 1/s and returns the factors of ``G + rate C``."""
+"""Function that takes a rate in 1/s and returns the factors of ``G + rate C`` (conductance, capacitance matrix)."""
 
 State = NDArray[np.float64]
 """State of an integration, shape (2, n): voltages of the rows in volts, and their time integrals in volt seconds since
@@ -45,7 +45,8 @@ State = NDArray[np.float64]
 def rate_of(method: Method, h: float) -> float:
     """Return the factor ``rate`` in the matrix ``G + rate C`` of a step, in 1/s, equal for both stages of TR-BDF2.
 
-    `method`: ``"backward_euler"``, ``"trapezoidal"`` or ``"tr-bdf2"``; `h`: length of the step in seconds.
+    ``G``, ``C``: conductance and capacitance matrix; `method`: ``"backward_euler"``, ``"trapezoidal"`` or
+    ``"tr-bdf2"``; `h`: length of the step in seconds.
     """
     return {"backward_euler": 1.0, "trapezoidal": 2.0, "tr-bdf2": 2.0 + _ROOT2}[method] / h
 
@@ -122,10 +123,10 @@ make it unstable.
 """
 
 _LEAST_ERROR = 16 * _EPS
-"""Smallest limit on the error of one step that exceeds rounding errors, as a fraction of the largest voltage
-difference.
+"""Smallest limit on the error of one step that exceeds rounding errors.
 
-A tolerance that requires less raises AccuracyError.
+It is a fraction of the largest voltage between two nodes since 0+.  A tolerance that requires less raises
+AccuracyError.
 """
 
 _MOST_HALVINGS = 30
@@ -142,9 +143,11 @@ def controlled_steps(
 
     A state holds the voltages of the rows in volts and their time integrals since 0+.  `dynamics`: equations of the
     circuit; `method`: ``"backward_euler"``, ``"trapezoidal"`` or ``"tr-bdf2"``; `state` (2, n): state at 0+; `times`
-    (t,): output times in seconds; `tolerance`: largest error of a voltage, as a fraction of the largest voltage
-    difference; `factors`: function that returns the factors of ``G + rate C`` for a rate in 1/s.
+    (t,): output times in seconds; `tolerance`: largest error of a voltage at any time, accumulated over all steps,
+    as a fraction of the voltage range; `factors`: function that returns the factors of ``G + rate C`` for a rate
+    in 1/s.
 
+    The voltage range is the highest minus the lowest voltage of any node, rails included, from 0+ until the step.
     Steps have ``2**k`` seconds, with an integer ``k``.  The solution after two half steps is used.  Raise AccuracyError
     if rounding errors exceed the tolerance.
     """
@@ -184,10 +187,11 @@ def controlled_steps(
 
 
 def _step_tolerance(method: str, tolerance: float) -> float:
-    """Return the largest estimated error of one step, as a fraction of the largest voltage difference.
+    """Return the largest accepted error estimate of one step, as a fraction of the voltage range.
 
-    `method`: integration method; `tolerance`: largest error of the whole integration, as a fraction of the largest
-    voltage difference.  Raise AccuracyError if rounding errors of steps would exceed the tolerance.
+    The voltage range is the highest minus the lowest node voltage since 0+.  `method`: integration method; `tolerance`:
+    largest error of the whole integration, as a fraction of the voltage range.  Raise AccuracyError if rounding errors
+    of steps would exceed the tolerance.
     """
     accumulated = float((_ACCUMULATION[method] * tolerance) ** (1.0 + 1.0 / _ORDER[method]))
     step_rtol = min(_MOST_OF_TOLERANCE * tolerance, accumulated)
@@ -214,12 +218,12 @@ def _first_exponent(
     """Return the exponent ``k`` of the first step of ``2**k`` seconds.
 
     `dynamics`: equations of the circuit; `x` (n,): voltages of the rows at 0+; `order`: order ``p`` of the method;
-    `step_rtol`: largest error of a step, relative to `span`; `span`: largest voltage difference in volts; `longest`:
-    longest step in seconds.
+    `step_rtol`: largest error of a step, relative to `span`; `span`: highest minus lowest node voltage at 0+, in volts;
+    `longest`: longest step in seconds.
 
     The step ``h`` satisfies ``h**(p + 1) |x^(p + 1)| = step_rtol span``, with the derivative of order ``p + 1``: the
     error of a step of order ``p`` without its constant (Hairer, Norsett & Wanner 1993, section II.4).  For ``span =
-    0``, as in a circuit at 0 V, the largest voltage difference is the one after the first step, ``h |x'|``.
+    0``, as in a circuit at 0 V, the largest voltage after the first step, ``h |x'|``, replaces `span`.
     """
     current, logs = dynamics.imbalance(x, dynamics.drive), []
     for _ in range(order + 1):

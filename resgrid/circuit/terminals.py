@@ -41,7 +41,8 @@ class TerminalReader:
     def nodes(self, terminal: Any) -> Nodes:
         """Return the sorted node numbers of a terminal; raise InputError if it has none, or a node does not exist.
 
-        `terminal`: a node number, a node name, a cell, a list of these, or a mask.
+        `terminal`: a node number, a node name, a list of both, or a mask of nodes; with `self.cells` a cell (a tuple of
+        indices), a list of cells, or a mask of cells.
         """
         found = self._in_cells(terminal) if self.cells else self._in_nodes(terminal)
         nodes = np.unique(np.asarray(found, dtype=np.int64))
@@ -111,8 +112,8 @@ def pairs_of(
 ) -> tuple[tuple[Nodes, ...], NDArray[np.int64]]:
     """Return the node numbers of the different terminals, and the pairs (p, 2) as indices into these terminals.
 
-    `read`: converts terminals to nodes; `pairs`: pairs of terminals; `terminals`: terminals whose pairs are all formed.
-    Exactly one of both must be given, and the other is None.
+    `read`: converts terminals to nodes; `pairs`: pairs of terminals; `terminals`: terminals, of which all pairs are
+    formed. Exactly one of both must be given, and the other is None.
     """
     if (pairs is None) == (terminals is None):
         raise InputError("give either pairs, such as [(0, 5)], or terminals, such as [0, 5, 7]")

@@ -32,16 +32,17 @@ from resgrid.solvers.laplacian import EdgeList, Grid, Laplacian
 from resgrid.solvers.progress import Progress, ProgressMonitor
 
 _SMALL = 100_000
-"""Number of cells of the space from which windows around changes are solved before the iteration over the whole grid.
+"""Smallest number of cells of a space for which windows are solved before the iteration over the whole grid.
 
-In smaller spaces this would save few iterations.
+A window is a box of cells around changed cells.  In smaller spaces its solution would save few iterations.
 """
 
 _MORE_ITERATIONS, _MOST_ITERATIONS = 4, 3
 """Limits on the iterations of a warm solve, compared with the number of iterations of the first solve.
 
-If a warm solve takes more than `_MORE_ITERATIONS` in addition, the next solve sets up a new hierarchy.  If it takes
-more than `_MOST_ITERATIONS` times as many, the result is rejected, since the error estimate is unreliable.
+The first solve is the one that sets up the multigrid hierarchy.  If a warm solve takes over `_MORE_ITERATIONS` more
+iterations, the next solve sets up a new hierarchy.  If it takes over `_MOST_ITERATIONS` times as many iterations, its
+result is rejected, since the error estimate is unreliable.
 """
 
 _WINDOW = 12_000
@@ -235,7 +236,8 @@ class _WarmCircuit:
     """Circuit of a space with rails at 0 V and 1 V, or with 1 A into every row, and its multigrid hierarchy.
 
     `space`: the space; `row` (shape of the space): whether a cell has an unknown voltage (a row); `grid`: equations,
-    last solution and hierarchy; `first_iterations`: number of iterations of the first solve.
+    last solution and hierarchy; `first_iterations`: number of iterations of the solve that set up the
+    hierarchy.
     """
 
     space: ConfigurationSpace
@@ -309,8 +311,9 @@ def _rows_of(space: ConfigurationSpace, wiring: Wiring) -> NDArray[np.bool_]:
 def _boxes_around(changed: NDArray[np.bool_]) -> list[tuple[slice, ...]] | None:
     """Return disjoint, non-adjacent boxes of cells around the changed cells; None if they cover too much of the grid.
 
-    `changed`: mask of the changed cells.  A box has one slice per axis.  The sides of a box lie on a coarse mesh with
-    an even number of cells per step, so that a box has the red-black colouring of the grid.
+    Too much is over a quarter of the cells (for the boxes: and over 12,000 cells).  `changed`: mask of the changed
+    cells.  A box has one slice per axis.  The sides of a box lie on a coarse mesh with an even number of cells per
+    step, so that a box has the red-black colouring of the grid.
     """
     from scipy import ndimage
 

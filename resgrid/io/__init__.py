@@ -1,4 +1,4 @@
-"""Result files: writers of paths, runs, solutions and netlists, with one encoder for each file format.
+"""Result files: writers of paths, runs, solutions, netlists, resistances, boards and ROS recordings, and file encoders.
 
 Writers may import the packages of the results that they write, but no module for pictures or the command line.
 """

@@ -97,7 +97,7 @@ class BagWriter:
         return self._store.types[kind](**values)
 
     def grid(self, snapshot: MapSnapshot) -> Any:
-        """Return the ``nav_msgs/OccupancyGrid`` message of a snapshot."""
+        """Return the ``nav_msgs/OccupancyGrid`` message of a snapshot (a map, its resolution and its origin)."""
         height, width = snapshot.occupancy.shape
         header = self.header(snapshot.stamp, snapshot.frame_id)
         info = self.new(
@@ -249,7 +249,8 @@ def write_bag(snapshots: Iterable[MapSnapshot], file: str | os.PathLike[str], *,
     Parameters
     ----------
     snapshots : iterable of MapSnapshot
-        Maps; a pose of the robot is written as the transform from the frame of the map to ``base_link``.
+        Maps.  The robot's pose in a snapshot, if it is known, is written as the transform from the coordinate frame of
+        the map to ``base_link``.
     file : path-like
         ``.bag``: a file of ROS 1; ``.mcap`` or ``.db3``: a file of ROS 2; otherwise a folder of ROS 2.  An existing
         recording is replaced.

@@ -12,9 +12,9 @@ from resgrid.io.tables import json_text
 
 
 def save_board(board: Board, file: str | os.PathLike[str]) -> Path:
-    """Write the KiCad project of a board, and tables and texts on the board, into a folder; return the folder.
+    """Write the KiCad project of a board and its documents into a folder, and return the folder.
 
-    The tables and texts are the bill of materials, expected voltages, a record of the circuit as JSON, and a README.
+    The documents are the bill of materials, expected voltages, a record of the circuit as JSON, and a README.
     `file`: name of the folder, which is created. Files that need the program kicad-cli, and the picture of the jumper
     plan, are written only by the subcommand ``resgrid board``.
     """

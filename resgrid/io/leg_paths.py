@@ -17,7 +17,7 @@ from resgrid.planning.legs import LegPath
 from resgrid.planning.streamline import Outcome
 
 _COLUMNS = ("path", "outcome", "leg", "kind", "certified")
-"""Names of the columns of a table of paths of several legs, in addition to those of `path_columns`."""
+"""Names of the columns of a table of paths of several legs, in addition to the coordinates of the points."""
 
 
 def write_leg_path(path: LegPath, file: str | os.PathLike[str], *, heading: float | None = None) -> Path:
@@ -53,8 +53,9 @@ def leg_record(path: LegPath) -> dict[str, Any]:
 
     Keys: ``outcome``, ``start``, ``length`` in axis units, ``certified``; ``approximate`` and ``distance`` (whether the
     path ends at the nearest reachable place, and then its distance from the goal in axis units, else None); ``legs``:
-    ``kind``, ``certified``, ``length``, ``clearance`` (None for an escape) and ``end`` of each leg; ``points`` and
-    ``leg_of_points`` (index of the leg of each point); ``message``: reason, only if no goal is reached.
+    ``kind``, ``certified``, ``length`` and ``clearance`` in axis units (None for an escape) and ``end`` (last point, in
+    world coordinates) of each leg; ``points`` and ``leg_of_points`` (index of the leg of each point); ``message``:
+    reason, only if no goal is reached.
     """
     record: dict[str, Any] = {
         "outcome": str(path.outcome),

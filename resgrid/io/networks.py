@@ -1,6 +1,6 @@
-"""Writers of netlists as edge lists, graphs and arrays, which `read_spice` can read.
+"""Writers of netlists as edge lists, graph files and array files; `resgrid.read_spice` reads all these files.
 
-These files do not contain the cells of a space; an edge list contains resistors only.
+The files do not contain the cells of a space.  An edge list contains resistors only.
 """
 
 from __future__ import annotations

@@ -34,7 +34,7 @@ _VIEWS = ("table", "record", "arrays", "message")
 _FIXED_NAMES = {".csv": ["path", "k", "outcome"], ".json": ["schema", "k", "outcome"], ".npz": ["k", "outcome"]}
 """Names of the columns (CSV), keys (JSON) or arrays (NPZ) in a file of one path that an axis may not have, by suffix.
 
-The names of the other columns, which depend on the axes, are those of `column_names`.
+The names of the other columns depend on the axes.
 """
 
 
@@ -53,7 +53,7 @@ def write_path(path: Timed, file: str | os.PathLike[str], *, fixed_joints: bool 
         array per column; ``.yaml``: a ``nav_msgs/Path`` message for ROS, or, of a trajectory of a robot from a URDF
         file, a ``trajectory_msgs/JointTrajectory``.
     fixed_joints : bool
-        Whether a JointTrajectory also has the joints that do not move and whose values the robot's `at` states.
+        Whether a JointTrajectory also has the joints that do not move and have a value in the robot's mapping `at`.
 
     Returns
     -------
@@ -128,9 +128,9 @@ class Route:
     start : tuple of float
         The requested start, in world coordinates.
     certified : bool
-        Whether the streamline from which the path was made has passed `certify`.
+        Whether the streamline from which the path was made has a valid certificate.
     advice : str, optional
-        Reason why no goal is reached, in place of `Streamline.reason`.
+        Reason why no goal is reached, in place of the reason that the streamline gives.
     heading : float, optional
         Heading at the reached goal, in radians, that the scene demands of a robot without a heading of its own.
     workspace_clearance : float or None
@@ -214,7 +214,7 @@ class Route:
 def _line(path: Polyline | Trajectory) -> NDArray[np.float64]:
     """Return the points of a path that are written to the file, in axis coordinates, shape (n, ndim).
 
-    Axis coordinates are those of the grid, in which the axes of the space have their ranges.
+    The axes of the space have their ranges in axis coordinates; the frame of the space maps these to world coordinates.
     """
     return path.line if isinstance(path, Polyline) else path.space.from_world(path.positions)
 
@@ -230,7 +230,7 @@ def write_routes(routes: Sequence[Route], target: str | os.PathLike[str], *, fix
     `target`: name of the file, whose suffix selects the format: one table, one record or one set of arrays for all
     routes, or one message for ROS per route.  With several routes, a comment before each message gives start, k and
     outcome; a route that reaches no goal has only the comment.  Raises InputError for messages if no route reaches a
-    goal.  `fixed_joints`: whether messages also have the joints that do not move and that the robot's `at` names.
+    goal.  `fixed_joints`: whether messages also have the joints that do not move and have a value in the robot's `at`.
     """
     views: Views = {
         "table": lambda: _routes_table(routes),
@@ -274,7 +274,7 @@ def _check_names(space: ConfigurationSpace, suffix: str, fixed: dict[str, list[s
     """Raise InputError if an axis has the name of another column, or a message for ROS cannot represent the poses.
 
     `space`: space of the paths; `suffix`: suffix of the file, such as ``.csv``; `fixed`: for each suffix, names of
-    columns in addition to those of `column_names`; `timed`: whether the paths are trajectories.
+    columns in addition to time, axes, tip and velocities; `timed`: whether the paths are trajectories.
     """
     if suffix == ".yaml" and has_joints(space):
         require_joints(space, timed=timed)
@@ -287,11 +287,11 @@ def _check_names(space: ConfigurationSpace, suffix: str, fixed: dict[str, list[s
 def route_record(route: Route, *, points: bool = True) -> dict[str, Any]:
     """Return the results of a route as a dictionary for JSON.
 
-    Keys: ``outcome``, ``goal`` (index of the region, or None), ``log_duration`` (of the `Streamline`), ``start``,
-    ``k``, ``certified``; ``length``, ``clearance`` in axis units, ``points`` (continuous world coordinates) of the
-    written path; ``cells`` (indices of the cells that the streamline crosses); where they apply, ``message`` (reason),
-    ``goal_heading`` in radians, ``duration`` in seconds, and ``streamline`` and ``short`` with length and clearance of
-    the original and the shortened path.  `points`: whether to include points and cells.
+    Keys: ``outcome``, ``goal`` (index of the region, or None), ``log_duration`` (log of the streamline's time),
+    ``start``, ``k``, ``certified``; ``length``, ``clearance`` in axis units, ``points`` (continuous world coordinates)
+    of the written path; ``cells`` (indices of the cells that the streamline crosses); where they apply, ``message``
+    (reason), ``goal_heading`` in radians, ``duration`` in seconds, and ``streamline`` and ``short`` with length and
+    clearance of the original and the shortened path.  `points`: whether to include points and cells.
     """
     path = route.streamline
     record: dict[str, Any] = {
@@ -378,10 +378,10 @@ def _routes_arrays(routes: Sequence[Route]) -> dict[str, Any]:
 
 
 def _documents(routes: Sequence[Route], *, fixed_joints: bool) -> str:
-    """Return YAML text with one message per route that reaches a goal, and a comment on each start and outcome.
+    """Return YAML text: for each route a comment with start, k and outcome, and a message if it reaches a goal.
 
     A single route has no comment.  Raises InputError if no route reaches a goal.  `fixed_joints`: whether messages also
-    have the joints that do not move and that the robot's `at` names.
+    have the joints that do not move and have a value in the robot's `at`.
     """
     if len(routes) == 1:
         return message_of(routes[0].path, heading=routes[0].heading, fixed_joints=fixed_joints)

@@ -1,4 +1,4 @@
-"""Writers of effective resistances: a table of pairs (CSV), a record (JSON), or arrays (NPZ)."""
+"""Writers of effective resistances between pairs of terminals: a table (CSV), a record (JSON), or arrays (NPZ)."""
 
 from __future__ import annotations
 
@@ -53,9 +53,9 @@ def check_resistance_file(file: str | os.PathLike[str]) -> None:
 
 
 def terminal_names(value: EffectiveResistance) -> list[str]:
-    """Return the name of every terminal: its nodes' names, separated by blanks, as in ``a b c d and 3 more``.
+    """Return the name of every terminal: the names of its first four nodes, as in ``a b c d and 3 more``.
 
-    At most four nodes are named.
+    Blanks separate the names.  A terminal of at most four nodes has only the names.
     """
     names = []
     for nodes in value.terminals:

@@ -1,4 +1,4 @@
-"""Writer of paths as ``nav_msgs/Path`` messages for ROS."""
+"""Paths as the text of ``nav_msgs/Path`` messages for ROS, their points and poses, and checks for such messages."""
 
 from __future__ import annotations
 
@@ -51,7 +51,8 @@ def to_ros_path(path: Timed, *, frame_id: str = "map", heading: float | None = N
     frame_id : str
         Coordinate frame of the poses.
     heading : float, optional
-        Heading of the last pose in radians, for a robot without a heading of its own, which can turn in place.
+        Heading of the last pose in radians, for a robot without a heading of its own, which can turn in place; by
+        default the direction of motion.
 
     Returns
     -------
@@ -87,7 +88,8 @@ def path_poses(path: Timed, *, heading: float | None = None) -> NDArray[np.float
     path : Streamline, ShortPath, Polyline or Trajectory
         In a space of two axes with the same unit, or of a turning polygon.
     heading : float, optional
-        Heading of the last pose in radians, for a robot without a heading of its own.
+        Heading of the last pose in radians, for a robot without a heading of its own; by default the direction of
+        motion.
 
     Returns
     -------
@@ -129,7 +131,7 @@ def require_reached(path: Timed) -> None:
 
 
 def require_plane(space: ConfigurationSpace) -> None:
-    """Raise InputError unless the configurations of a space are poses in the plane (see `has_poses`)."""
+    """Raise InputError unless the configurations of a space are poses in the plane, with or without a heading."""
     if not has_poses(space):
         robot, axes = (
             with_article(type(space.robot or PointRobot()).__name__),

@@ -1,4 +1,4 @@
-"""Writer of trajectories of robot arms as ``trajectory_msgs/JointTrajectory`` messages for ROS 2."""
+"""Trajectories of robot arms as ``trajectory_msgs/JointTrajectory`` messages for ROS 2, and the choice of a message."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def message_of(path: Timed, *, heading: float | None = None, fixed_joints: bool 
     """Return a path as the text of a message for ROS: a JointTrajectory for robots with named joints, else a Path.
 
     `heading`: heading of the last pose of a Path in radians, None for the direction of motion; `fixed_joints`: whether
-    a JointTrajectory also has the joints that do not move and that the robot's `at` names.
+    a JointTrajectory also has the joints that do not move and have a value in the robot's `at`.
     """
     if has_joints(path.space):
         return to_ros_trajectory(path, fixed_joints=fixed_joints)
@@ -30,10 +30,10 @@ def to_ros_trajectory(path: Timed, *, frame_id: str = "", fixed_joints: bool = F
     """Return the text of a ``trajectory_msgs/JointTrajectory`` message, as ``ros2 topic pub`` reads it.
 
     A ``joint_trajectory_controller`` interpolates points with positions by lines, and points with positions and
-    velocities by cubic splines.  A message therefore has velocities if, and only if, they do not jump, which needs
-    acceleration limits: then the splines are exactly the motion of the trajectory.  Without them the lines are exactly
-    the path.  Accelerations are left out, because they jump between knots, and quintic splines through them would leave
-    the path.  CSV, JSON and NPZ files have the velocities of all trajectories.
+    velocities by cubic splines.  A message has velocities if, and only if, the velocities do not jump, which
+    requires acceleration limits: the splines are then exactly the motion of the trajectory.  In a message without
+    velocities, the lines are exactly the path.  Accelerations are left out, because they jump between knots, and
+    quintic splines through them would leave the path.  CSV, JSON and NPZ files have the velocities of all trajectories.
 
     Parameters
     ----------
@@ -43,8 +43,8 @@ def to_ros_trajectory(path: Timed, *, frame_id: str = "", fixed_joints: bool = F
     frame_id : str
         Coordinate frame in the header; a controller of joints needs none.
     fixed_joints : bool
-        Whether to include the joints that do not move and that the robot's `at` names, for controllers that need all
-        joints of an arm in every message.
+        Whether to include the joints that do not move and have a value in the robot's mapping `at`, for controllers
+        that need all joints of an arm in every message.
 
     Returns
     -------

@@ -18,7 +18,7 @@ _STEP = {"": "configuration", "_believed": "believed", "_rate": "velocity", "_to
 """Attributes of `Run` with one column per axis, by the text that follows the name of the axis in the column's name.
 
 The velocity along ``x``, for example, is the column ``x_rate``.  `configuration`: true one; `believed`: according to
-the position sensor; `torque`, `push`: generalised forces of all contacts, and external ones.
+the position sensor; `torque`: generalised force of all contacts; `push`: external generalised force.
 """
 
 _CONTACT = ("contact_x", "contact_y", "force_x", "force_y", "part", "body", "sticking")
@@ -76,11 +76,11 @@ def run_record(run: Run) -> dict[str, Any]:
 
     Keys: ``outcome`` and ``message``: reason of the end; ``goal``: index of the reached region, or None; ``start``,
     ``end``: configurations; ``k``: weight of the Dirichlet field; ``time`` in seconds; ``steps``; ``modes``: number of
-    rows by control mode; ``cells_learnt``: number of cells that contacts added as obstacles; ``resolves``: number of
-    solves after such contacts; ``contacts``: number of contacts with a force; ``parts_touched``: indices of the robot's
-    parts; ``penetration``: largest depth in an obstacle, in metres; ``goal_distance``: distance from the nearest goal
-    at the end, in metres, or in axis units for a goal cell or joint angles; ``unsolved``: number of steps in which no
-    contact forces could be computed.
+    recorded times by control mode; ``cells_learnt``: number of cells that contacts added as obstacles; ``resolves``:
+    number of solves after such contacts; ``contacts``: number of contacts with a force; ``parts_touched``: indices of
+    the robot's parts; ``penetration``: largest depth in an obstacle, in metres; ``goal_distance``: distance from the
+    nearest goal at the end, in metres, or in axis units for a goal cell or joint angles; ``unsolved``: number of steps
+    in which no contact forces could be computed.
     """
     modes, counts = np.unique(run.mode, return_counts=True)
     return {
@@ -114,7 +114,7 @@ def _views(runs: Sequence[Run]) -> Views:
 
 
 def _names(axes: Sequence[Axis]) -> list[str]:
-    """Return the names of the columns of a table of runs with these axes."""
+    """Return the names of the columns of a table of runs: totals of a step, values per axis, strongest contact."""
     return [
         "run", "k", "t", "mode", *(axis.name + end for end in _STEP for axis in axes), "contacts", *_CONTACT,
     ]  # fmt: skip
@@ -134,8 +134,8 @@ def _table(runs: Sequence[Run]) -> dict[str, list[Any]]:
 def _rows(run: Run) -> list[list[Any]]:
     """Return the rows of one run: time, mode, values per axis, number of contacts, and the strongest contact.
 
-    The strongest contact of a step has the largest force; its entries are those of `_CONTACT`, or None in steps without
-    contact.
+    The strongest contact of a step has the largest force.  Its entries are point, force, part of the robot, touched
+    obstacle, and whether friction holds it; None in steps without contact.
     """
     contacts = run.contacts
     size = np.hypot(*contacts.force.T)
@@ -153,7 +153,12 @@ def _rows(run: Run) -> list[list[Any]]:
 
 
 def _arrays(runs: Sequence[Run]) -> dict[str, NDArray[np.generic]]:
-    """Return the arrays of all runs by name: one entry per run, and the columns of run ``i`` with the suffix ``_i``."""
+    """Return the arrays of all controlled runs by name.
+
+    With one entry per run: ``k`` (weight of the Dirichlet field), ``start`` (configuration) and ``outcome``.
+    ``mode_names``: names of the control modes, by number.  The log of run ``i`` is in arrays with the suffix ``_i``,
+    such as ``time_0``, with one entry per time step, or with one entry per contact (``contact_force_0``).
+    """
     arrays: dict[str, NDArray[np.generic]] = {
         "k": np.array([run.field.k for run in runs]),
         "start": np.array([run.configuration[0] for run in runs]),

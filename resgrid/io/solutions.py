@@ -37,12 +37,12 @@ def write_solution(
         Solution to write.
     file : path-like
         For a field or the circuit of a space, ``.npz``: arrays with one dimension per axis, ``potential`` (NaN in cells
-        without a node), ``log_drop`` if it exists, ``cell`` (`Cell` codes), and for a field ``safe`` if it has that
-        mask.  Of a lattice other than "square", ``potential`` and ``log_drop`` have the shape of the lattice, and
-        ``points`` (shape of the lattice, then one number per axis) are the world coordinates of its sites.  For any
-        other circuit, ``.csv``: table of nodes, then elements; ``.json``, ``.npz``: the same values by
-        name; ``.raw``: raw file for waveform viewers.  ``-`` is standard output (arrays of a space, otherwise the
-        table).
+        without a node), ``log_drop`` if it exists, ``cell`` (`Cell` codes), and for a field ``safe``, the mask of
+        the direction-safe cells, if it has one.  Of a lattice other than "square", ``potential`` and ``log_drop`` have
+        the shape of the lattice, and ``points`` (shape of the lattice, then one number per axis) are the world
+        coordinates of its sites (the positions of nodes).  For any other circuit, ``.csv``: table of nodes, then
+        elements; ``.json``, ``.npz``: the same values by name; ``.raw``: raw file for waveform viewers.  ``-`` is
+        standard output (arrays of a space, otherwise the table).
     title : str
         First line of a raw file.
     form : {"binary", "ascii"}
@@ -80,13 +80,13 @@ def check_solution_file(file: str | os.PathLike[str], *, of_space: bool) -> None
 
 
 def solution_record(op: OperatingPoint, worst: int = 10) -> dict[str, Any]:
-    """Return residual, powers, largest drops and largest source currents of a circuit as a dictionary for JSON.
+    """Return residual, powers, largest drops from the supply and largest source currents as a dictionary for JSON.
 
     Keys: ``kcl_residual``, a fraction of the current through the node; ``power`` (heat) and ``power_delivered`` in
     watts; ``power_imbalance``, a fraction of the sum of all magnitudes; ``floating_nodes`` (names); ``worst_drops``:
-    list with ``node`` (name), and in volts ``voltage``, ``supply`` (of the node's net) and ``drop`` (supply minus
-    voltage); ``supplies``: list with ``name``, ``volts`` and ``amps`` of voltage sources; ``solver`` (method);
-    ``seconds`` by stage.  `worst`: largest number of entries of both lists.
+    list with ``node`` (name), and in volts ``voltage``, ``supply`` (nominal voltage of the node's power net) and
+    ``drop`` (supply minus voltage); ``supplies``: list with ``name``, ``volts`` and ``amps`` of voltage sources;
+    ``solver`` (method); ``seconds`` by stage.  `worst`: largest number of entries of both lists.
     """
     netlist = op.netlist
     drops, balance = ir_drop(op), power_balance(op)
@@ -170,7 +170,7 @@ def _lattice_arrays(
     """Return the arrays of a lattice's field by name: ``potential``, ``log_drop`` unless it is None, and two more.
 
     ``cell`` (shape of the space): `Cell` codes; ``points`` (shape of the lattice, then one number per axis): world
-    coordinates of the sites.  `potential`, `log_drop`: values in the shape of the lattice.
+    coordinates of the sites (the positions of nodes).  `potential`, `log_drop`: values in the shape of the lattice.
     """
     sites = np.moveaxis(np.indices(lattice.shape), 0, -1)
     arrays = {"potential": potential, "log_drop": log_drop, "cell": lattice.space.cell}

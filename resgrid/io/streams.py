@@ -23,13 +23,15 @@ from resgrid.scene.recordings.storage import PATH, check_topic_name
 _VIEWS = ("table", "record", "arrays")
 
 NOT_PLANNED = "not_planned"
-"""Value of the column ``outcome`` for a frame in which the map, the start or the goal is missing."""
+"""Value of the column ``outcome`` for a message (map, update or goal) at which map, start or goal are still unknown."""
 
 
 @frozen
 @dataclass(frozen=True, eq=False)
 class StreamReport:
-    """Results for all frames of a recording.  Returned by `resgrid.maps.stream_bag`.
+    """Results for all frames of a recording, i.e. its maps, updates of maps and goals.
+
+    Returned by `resgrid.maps.stream_bag`.
 
     Attributes
     ----------
@@ -69,18 +71,18 @@ class StreamReport:
 
     @property
     def frames(self) -> int:
-        """Number of frames."""
+        """Number of frames: maps, updates of maps and goals in the recording."""
         return len(self.table["frame"])
 
     @property
     def reached(self) -> int:
-        """Number of frames with a certified path to a goal."""
+        """Number of frames (maps, updates and goals) with a certified path to a goal."""
         pairs = zip(self.table["outcome"], self.table["certified"], strict=True)
         return sum(outcome == "reached" and certified for outcome, certified in pairs)
 
     @cached_property
     def _times(self) -> list[float]:
-        """Processor time of each frame whose space was solved, in milliseconds.
+        """Processor time of each frame (map, update or goal) that required a solve, in milliseconds.
 
         The first such frame is left out unless it is the only one, because it cannot reuse earlier work.
         """
@@ -161,8 +163,9 @@ def stream_bag(
 ) -> StreamReport:
     """Plan every frame of a recording, write the paths to a new recording, and report the latencies.
 
-    For every map, update and goal, one ``nav_msgs/Path`` is written, with the time of arrival and the time stamp of the
-    message, in the frame of the map.  It has no poses if there is no certified path, so that no outdated path remains.
+    A frame is a map, an update of a map, or a goal.  For every frame one ``nav_msgs/Path`` is written, with the time of
+    arrival and the time stamp of the frame, in the coordinate frame of the map.  The message has no poses if there is
+    no certified path, so that no outdated path remains.
 
     Parameters
     ----------
@@ -236,11 +239,14 @@ _COLUMNS = (
     "frame", "stamp", "received", "kind", "changed", "method", "outcome", "certified", "length", "clearance", "x", "y",
     "milliseconds", "reason", "note",
 )  # fmt: skip
-"""Names of the columns of the table in `StreamReport`."""
+"""Names of the columns of the table of results, with one row per frame (map, update or goal of a recording)."""
 
 
 def _row(number: int, result: StreamedPath) -> tuple[Any, ...]:
-    """Return the entries of the table for one frame, in the order of `_COLUMNS`; `number`: index of the frame."""
+    """Return the row of the table of results for one frame, from its index and time stamp to the note on the message.
+
+    `number`: index of the frame (a map, an update or a goal); `result`: the planned path and its times.
+    """
     snapshot, nan, report = result.snapshot, float("nan"), result.replanning
     method = "none" if not result.solved else "fresh" if report is None else report.method
     changed = 0

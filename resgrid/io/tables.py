@@ -1,4 +1,6 @@
-"""Encoders of file formats for all writers: tables (CSV), records (JSON), named arrays (NPZ), and text.
+"""Encoders of file formats for all writers: tables (CSV), records (JSON), named arrays (NPZ), text and HTML pages.
+
+The functions `write` and `emit` choose the encoder by the suffix, and write the bytes to a file or standard output.
 
 A view is a representation of a value: a table, a record (nested dictionary), named arrays, or a message as text.
 """
@@ -106,7 +108,7 @@ FORMATS: dict[str, Format] = {
     ".txt": Format("edges", str.encode),
     ".graphml": Format("graph", bytes),
 }
-"""File formats by suffix; on standard output (``-``), a value has the first of these formats that it can have."""
+"""File formats by suffix; on standard output (``-``), a value has the first of these formats that exists for it."""
 
 
 def suffix_of(target: str | os.PathLike[str], views: Collection[str], kind: str) -> str:

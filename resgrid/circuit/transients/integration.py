@@ -63,7 +63,7 @@ class Integration:
     `equations`: the equations; `corners` (n, 2): corners of the waveform, times in seconds and factors; `tolerance`:
     error of the whole integration in states, and in voltages as a fraction of `span`; `end`: end time in seconds;
     `progress`: function called after every step; `steps`: number of accepted steps; `switched` (m,): first times of the
-    state 0.5, in seconds, NaN before; `span`: largest voltage difference so far, in volts.
+    state 0.5, in seconds, NaN before; `span`: largest voltage between two nodes so far, in volts.
     """
 
     equations: MemristiveEquations
@@ -136,10 +136,10 @@ class Integration:
         return _FIRST * min(self.end, 1 / fastest if fastest > 0 else np.inf)
 
     def _longest(self, at: Point, drive: Drive, drift: Vector, moving: Vector) -> float:
-        """Return the largest length of a step, in seconds: up to the next limit of a state, and short for fast growth.
+        """Return the largest length of a step, in seconds: until a state reaches a limit, and short for fast growth.
 
-        `at`: unknowns; `drive`: waveform; `drift` (m,): time derivatives of the coordinates of states, in 1/s; `moving`
-        (m,): 0 for states at rest.
+        The limits of a state are 0 and 1.  `at`: unknowns; `drive`: waveform; `drift` (m,): time derivatives of the
+        coordinates of states, in 1/s; `moving` (m,): 0 for states at rest.
         """
         growth = self.equations.largest_growth(at, drive, moving)
         ahead = self.equations.coordinates.time_to_limit(at.state, drift, moving)
@@ -168,7 +168,7 @@ class Integration:
         return self.equations.slope(at, drive, np.ones_like(at.state)).state
 
     def _note_span(self, at: Point, value: float) -> None:
-        """Enlarge the largest voltage difference by that of the point `at`; `value`: waveform of the sources."""
+        """Update `span`, the largest voltage between two nodes, with that of `at`; `value`: waveform of the sources."""
         volts = self.equations.at_nodes(at.voltage, value)
         self.span = max(self.span, float(np.nanmax(volts) - np.nanmin(volts)))
 

@@ -43,7 +43,7 @@ class Transient:
     voltage : ndarray of float64, shape (t, nodes)
         Node voltages above ground, in volts; NaN where a node floats.
     energy : ndarray of float64, shape (t,)
-        Energy that all sources have delivered since 0+, in joules, without floating components.
+        Energy that all sources have delivered since 0+, in joules; floating components are not counted.
     stored : ndarray of float64, shape (t,)
         Energy in the capacitors, in joules.
     steps : int
@@ -183,8 +183,9 @@ def transient(
         Largest length of a step in seconds; every interval between output times is divided into equal steps.  By
         default the steps are powers of two, controlled by comparing each step with two half steps.
     tolerance : float
-        Without ``step``: accuracy of every voltage, relative to the largest voltage difference that has occurred up to
+        Without ``step``: largest error of every voltage, as a fraction of the largest voltage between two nodes up to
         that time, ground and rails included.  The result therefore does not depend on the length of the simulation.
+        With ``step``: ignored.
     method : {"tr-bdf2", "trapezoidal", "backward_euler"}
         Integration method.  For a tolerance ``e`` one decay takes about ``2 / e**(1/3)``, ``1 / e**(1/2)`` or
         ``2 / e`` steps.  With a fixed step the trapezoidal rule starts with four backward Euler steps of half the

@@ -95,7 +95,7 @@ def memristive_transient(
     circuit : MemristiveCircuit
         Circuit with or without capacitors.
     times : array_like of float, shape (t,)
-        Output times, in seconds, ascending and not negative.
+        Output times, in seconds, ascending and not negative; the last is above 0.
     waveform : array_like of float, shape (n, 2), optional
         Times in seconds, strictly ascending, and factors by which the values of all sources are multiplied.  The factor
         is linear between these times and constant before and after them, as in a PWL source of SPICE.  By default the
@@ -103,9 +103,9 @@ def memristive_transient(
     initial : OperatingPoint or array_like of float, shape (nodes,), optional
         Node voltages before time 0, which determine the charges of the capacitors; by default these are discharged.
     tolerance : float
-        Accuracy of the states, and of the voltages relative to the largest voltage difference that has occurred.  While
-        a memristor switches, earlier errors grow by up to the ratio of its resistances, because a lower resistance
-        increases the current; they amount to a small shift of the switching time.
+        Largest error of the states, and of the voltages as a fraction of the largest voltage between two nodes so far.
+        While a memristor switches, earlier errors grow by up to the ratio of its resistances, because a lower
+        resistance increases the current; these errors amount to a small shift of the switching time.
     progress : callable, optional
         Function that is called after every step with the number of steps, the fraction of the time that remains, and
         the estimated seconds until the end.  The integration ends if it raises an exception.

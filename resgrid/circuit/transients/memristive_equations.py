@@ -30,9 +30,9 @@ from resgrid.circuit.transients.waveforms import Drive
 class Point(NamedTuple):
     """Unknowns of the equations.
 
-    `voltage` (n,): voltages of the rows, in volts; `state` (m,): coordinates of the states of the
-    memristors (`Coordinates`: the state itself, or its logit); `charge` (m,): charges that
-    have passed the memristors, in coulombs; `heat` (m,): energies that they have dissipated, in joules.
+    `voltage` (n,): voltages of the rows, in volts; `state` (m,): coordinates of the states of the memristors (the state
+    itself, or its logit for the Joglekar window); `charge` (m,): charges that have passed the memristors, in coulombs;
+    `heat` (m,): energies that the memristors have dissipated, in joules.
     """
 
     voltage: Vector
@@ -157,10 +157,11 @@ class MemristiveEquations:
         return Point(into, drift, own, own * drop[self.circuit.memristors])
 
     def time_derivative(self, at: Point, drive: Drive, moving: Vector) -> Point:
-        """Return the partial derivatives of the right-hand sides, the result of `slope`, with respect to time.
+        """Return the partial derivatives of the right-hand sides with respect to time, as a point.
 
-        `at`: the unknowns; `drive`: the waveform; `moving` (m,): 1 for a memristor whose state can change, 0 at a
-        limit.
+        The right-hand sides are the currents into the rows, the time derivatives of the coordinates of states, and
+        currents and powers of the memristors.  `at`: the unknowns; `drive`: the waveform; `moving` (m,): 1 for a
+        memristor whose state can change, 0 at a limit.
         """
         amps = self.conductance(at.state) * (drive.slope * self.lift)
         own = amps[self.circuit.memristors]
@@ -184,10 +185,10 @@ class MemristiveEquations:
         return at._replace(voltage=at.voltage + np.append(change, 0.0)[self.group])
 
     def growth(self, at: Point, drive: Drive, moving: Vector) -> Vector:
-        """Return the derivatives of the drifts with respect to their own states at constant voltages, in 1/s, (m,).
+        """Return the derivative of each drift with respect to its own coordinate at constant voltages, in 1/s, (m,).
 
-        `at`: the unknowns; `drive`: the waveform; `moving` (m,): 1 for a memristor whose state can change, 0 at a
-        limit.
+        A drift is the time derivative of the coordinate of a state.  `at`: the unknowns; `drive`: the waveform;
+        `moving` (m,): 1 for a memristor whose state can change, 0 at a limit.
         """
         chosen = self.circuit.memristors
         own, drop = self.conductance(at.state)[chosen], self.drops(at.voltage, drive.value)[chosen]
@@ -227,7 +228,7 @@ class StepMatrix:
 
     @classmethod
     def at(cls, equations: MemristiveEquations, at: Point, drive: Drive, moving: Vector, rate: float) -> StepMatrix:
-        """Return the factors at a point.
+        """Return the factors of the matrix of a Rosenbrock step of length ``h``, linearized at a point.
 
         `at`: the unknowns; `drive`: the waveform; `moving` (m,): 1 for a memristor whose state can change, 0 at a
         limit; `rate`: ``1 / (gamma h)`` in 1/s.
@@ -243,7 +244,7 @@ class StepMatrix:
         return cls(equations, rate, own, by_state, drop, response, pivot, solve)
 
     def solved(self, right: Point) -> Point:
-        """Return the solution of the linear system for a right-hand side, as a point.
+        """Return the solution of the linear system of a stage of the step for a right-hand side, as a point.
 
         `right`: right-hand side.  Charges and heat are included, although voltages and states do not depend on them.
         """

@@ -147,7 +147,7 @@ class MemristiveCircuit:
         Indices of the resistors that are memristors; by default all resistors.
     polarity : array_like of int, shape (m,) or ()
         1 if a current from the first to the second node of the resistor increases the state (and so lowers the
-        resistance), -1 if such a current decreases it.
+        resistance), -1 if such a current decreases it.  One number applies to all memristors.
     state : array_like of float, shape (m,) or (), optional
         States at time 0; by default ``law.initial``.
 
@@ -244,12 +244,12 @@ class MemristiveCircuit:
         return cls(doubled, law, both, np.repeat([1.0, -1.0], len(chosen)))
 
     def netlist_at(self, state: ArrayLike) -> Netlist:
-        """Return the circuit of resistors that the circuit is in the given states.
+        """Return the circuit with a resistor in place of every memristor, for given states of the memristors.
 
         Parameters
         ----------
         state : array_like of float, shape (m,) or ()
-            States of the memristors.
+            States of the memristors, from 0 to 1; one number applies to all.
 
         Returns
         -------

@@ -36,7 +36,10 @@ class Stamps:
 
     @classmethod
     def of(cls, rows: NDArray[np.int32], size: int) -> Stamps:
-        """Return the stamps of elements; `rows` (elements, 2): rows of both nodes, -1 without one; `size`: rows n."""
+        """Return the positions of elements in the nodal matrix.
+
+        `rows` (elements, 2): rows of both nodes, -1 for a node without a row; `size`: number of rows n.
+        """
         ends = np.where(rows < 0, size, rows).astype(np.int64)
         first, second = ends.T
         own, other = np.concatenate([first, second, first, second]), np.concatenate([first, second, second, first])
@@ -73,9 +76,10 @@ class Stamps:
         return np.asarray(out[: self.size])
 
     def factorized(self, weights: Vector) -> Solve:
-        """Return the solver of the nodal matrix of the elements; raise AccuracyError for a singular matrix.
+        """Return a function that solves with the nodal matrix of the elements; raise AccuracyError if it is singular.
 
-        `weights` (elements,): conductances in siemens.
+        The function maps a right-hand side (n,), in amperes, to the row voltages (n,), in volts.  `weights`
+        (elements,): conductances in siemens.
         """
         if not self.size:
             return lambda right: right

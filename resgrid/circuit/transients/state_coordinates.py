@@ -1,9 +1,10 @@
 """Coordinates ``s`` in which the states of memristors are integrated, ``ds/dt = k i phi(s)``, and their limits.
 
-With the rectangular window ``s`` is the state ``x`` itself and ``phi = 1``; a state that reaches 0 or 1 rests there
-until the current changes its direction.  With the Joglekar window ``s = log(x / (1 - x))``.  The window
-``1 - (2 x - 1)**(2 p)`` equals ``4 x (1 - x)`` times the sum of ``(2 x - 1)**(2 j)`` for ``j`` from 0 to ``p - 1``.
-The factor ``phi`` is that sum times 4: it has no zero, and the distance to a limit keeps its relative accuracy.
+Here ``k`` is the rate of the law, in 1/C, and ``i`` the current through the memristor, in amperes.  With the
+rectangular window ``s`` is the state ``x`` itself and ``phi = 1``; a state that reaches 0 or 1 rests there until the
+current changes its direction.  With the Joglekar window ``s = log(x / (1 - x))``.  The window ``1 - (2 x - 1)**(2 p)``
+equals ``4 x (1 - x)`` times the sum of ``(2 x - 1)**(2 j)`` for ``j`` from 0 to ``p - 1``.  The factor ``phi`` is that
+sum times 4: it has no zero, and the distance to a limit keeps its relative accuracy.
 """
 
 from __future__ import annotations
@@ -35,11 +36,11 @@ class Coordinates(NamedTuple):
 
     @classmethod
     def of(cls, law: Memristor) -> Coordinates:
-        """Return the coordinates for a law."""
+        """Return the coordinates for the window of a law: the state (rectangular), or its logit (Joglekar)."""
         return cls(True, 0.5, 1.0, 0) if law.window == "rectangular" else cls(False, 0.0, 0.25, law.exponent)
 
     def from_state(self, state: Vector) -> Vector:
-        """Return the coordinates (m,) of states (m,)."""
+        """Return the coordinates (m,) of states (m,): the states themselves, or their logits."""
         return state.copy() if self.has_limits else np.asarray(logit(state))
 
     def to_state(self, s: Vector) -> Vector:
@@ -51,7 +52,10 @@ class Coordinates(NamedTuple):
         return np.ones_like(s) if self.has_limits else np.asarray(expit(s) * expit(-s))
 
     def mobility(self, s: Vector) -> Vector:
-        """Return the factors ``phi`` (m,), without unit, in ``ds/dt = k i phi(s)``; `s` (m,): coordinates."""
+        """Return the factors ``phi`` (m,), without unit, in ``ds/dt = k i phi(s)``.
+
+        ``k``: rate of the law, in 1/C; ``i``: current in amperes; `s` (m,): coordinates of the states.
+        """
         if self.has_limits:
             return np.ones_like(s)
         away = 2 * np.asarray(expit(s)) - 1
@@ -78,7 +82,8 @@ class Coordinates(NamedTuple):
     def time_to_limit(self, s: Vector, drift: Vector, moving: Vector) -> float:
         """Return the time in seconds until the first state reaches a limit at constant drifts, infinite without one.
 
-        `drift` (m,): drifts in 1/s; `moving` (m,): 0 for states that rest at a limit.
+        `s` (m,): coordinates; `drift` (m,): their time derivatives, in 1/s; `moving` (m,): 0 for states that rest at a
+        limit.
         """
         if not self.has_limits:
             return np.inf
@@ -87,7 +92,10 @@ class Coordinates(NamedTuple):
         return float(np.min(ways[heading] / np.abs(drift[heading]), initial=np.inf))
 
     def pressed(self, before: Vector, after: Vector) -> NDArray[np.bool_]:
-        """Return the mask (m,) of states that begin a step at a limit and end it outside of this limit."""
+        """Return the mask (m,) of states that begin a step at a limit and end it outside of this limit.
+
+        `before`, `after` (m,): coordinates before and after the step.
+        """
         low, high = _outside(after)
         return self.has_limits & ((low & (before <= _AT_LIMIT)) | (high & (before >= 1 - _AT_LIMIT)))
 
