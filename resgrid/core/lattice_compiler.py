@@ -49,7 +49,7 @@ class _Links(NamedTuple):
     """Resistors of a lattice, given by sites, before the nodes are numbered.
 
     `first`, `second` (m,): flat indices of the sites at both ends; `step` (m,): index of the step from the first to the
-    second site; `siemens` (m,): conductance, in siemens.  `second` and `step` of a resistor to the obstacle rail are -1.
+    second site; `siemens` (m,): conductance, in siemens.  For a resistor to the obstacle rail, `second`, `step` are -1.
     """
 
     first: NDArray[np.int64]
