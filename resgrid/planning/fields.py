@@ -146,7 +146,7 @@ class Field:
         Returns
         -------
         gradient : ndarray of float64, shape (n, ndim)
-            Gradient times ``c h_ref**2``, divided by the scale of its cell.
+            Gradient times ``c h_ref**2``, divided by the scale of the point's cell.
         log_scale : ndarray of float64, shape (n,)
             Natural logarithm of the scale, the largest current through a face of the cell; 0 without current.
         """
@@ -183,7 +183,7 @@ class Field:
 
 
 def _stop_codes(space: ConfigurationSpace, safe: NDArray[np.bool_] | None) -> NDArray[np.uint8]:
-    """Return `Cell` codes (cells,), `GOAL` where tracing stops: goals and outside of the mask `safe` (None: goals)."""
+    """Return `Cell` codes (cells,), with `GOAL` also for free cells where `safe` is False, at which tracing stops."""
     if safe is None:
         return space.cell.ravel()
     return np.where((space.cell == Cell.FREE) & ~safe, np.uint8(Cell.GOAL), space.cell).ravel()

@@ -21,9 +21,10 @@ from resgrid.scene.maps.occupancies import cells_of_occupancies
 class Change:
     """A change of a map in one of three forms: `grid`, `cells` with `values`, or `occupancy`; the others are None.
 
-    `grid`: code of every cell, the changed space, or the changed map; `cells` (n, ndim), `values` (n,) or (): indices
-    of the changed cells, and their codes; `occupancy` (height, width): occupancies of the cells of the map, as in the
-    ROS message ``nav_msgs/OccupancyGrid``.
+    `grid`: `Cell` code of every cell, the changed space, or the changed map; `cells` (n, ndim), `values` (n,) or ():
+    indices of the changed cells, and the new `Cell` codes of these cells, one each or one for all; `occupancy` (height,
+    width): occupancies of the cells of the map, in percent, -1 if unknown, bottom row first, as in the ROS message
+    ``nav_msgs/OccupancyGrid``.
     """
 
     grid: ArrayLike | ConfigurationSpace | MapCells | None

@@ -40,8 +40,9 @@ class NodePath:
         Points in axis units, continuous across periodic seams: the start, the visited sites (the first one is omitted
         if it is the start), and the configuration in the last cell that solves the goal, if the space defines one.
     nodes : ndarray of int64, shape (m, ndim)
-        Visited sites of the lattice, from a site of the start's cell to a site in a goal cell; empty if the start is
-        blocked or lies in a goal cell.
+        Indices of the visited sites of the lattice, from a site of the start's cell to a site in a goal cell (or, for
+        the outcome ``no_current``, a site without outward current); empty if the start is blocked, has no way to a
+        goal, or lies in a goal cell.
     cells : ndarray of int64, shape (max(m, 1), ndim)
         Cells of the visited sites; the cell of the start if there are none.
     outcome : Outcome
@@ -204,9 +205,9 @@ def follow_nodes(field: LatticeField, point: NDArray[np.float64]) -> NodePath:
 
 
 def follow_many_nodes(field: LatticeField, points: NDArray[np.float64]) -> Traces:
-    """Return outcomes, goals and lengths of the paths from `points` (n, ndim), given in axis units.
+    """Return outcomes, goals, lengths and numbers of steps of the paths from `points` (n, ndim), given in axis units.
 
-    The number of steps is that of the steps between sites; `log_duration` is NaN.
+    Steps lead from site to site; `log_duration` is NaN.
     """
     paths = [follow_nodes(field, point) for point in points]
     reached = np.array([path.outcome is Outcome.REACHED for path in paths], dtype=np.bool_)

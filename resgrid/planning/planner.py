@@ -131,7 +131,7 @@ class Planner:
         cells : array_like of int, shape (n, ndim), optional
             Indices of the changed cells, in place of `grid`.
         values : int or array_like of int, shape (n,), optional
-            `Cell` code of each of these cells, or one code for all of them.
+            New `Cell` code of each of the changed cells, or one code for all of them.
         occupancy : array_like of int, shape (height, width), optional
             In place of `grid`, for a planner of a scene with a map: occupancies of the map's cells as in the ROS
             message ``nav_msgs/OccupancyGrid``, with row 0 at the bottom.  Cells are occupied from 65 on, free from 0 to

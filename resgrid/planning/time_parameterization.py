@@ -207,8 +207,8 @@ def time_parameterize(
         limits the speed (Euclidean norm) of point and disc robots, and each coordinate of other robots.  By default
         those of the robot: of a robot from a URDF file, the limits of its joints; other robots have none.
     acceleration_limits : float or sequence of float, optional
-        Limits in world coordinates per second squared, applied in the same form.  By default those of the robot, if it
-        has some (`URDFRobot.acceleration`).
+        Limits in world coordinates per second squared, in the forms of `velocity_limits`.  By default those of the
+        robot (`URDFRobot.acceleration`); if the robot has none, accelerations are not limited.
     tolerance : float, optional
         With acceleration limits: maximum deviation from the path, in axis units, one half to straighten small bends,
         one half to round the remaining corners.  By default half of the path's clearance (at most a quarter of the

@@ -180,7 +180,10 @@ def streamlines(field: Field, starts: ArrayLike) -> Traces:
 
 
 def follow_many(field: Field, points: NDArray[np.float64]) -> Traces:
-    """Return outcomes, goals and measures of the streamlines from `points` (n, ndim), given in axis units."""
+    """Return outcomes, goals, lengths, durations and numbers of steps of streamlines from `points` (n, ndim).
+
+    The points are in axis units.
+    """
     from resgrid.planning import kernels
 
     cells, local = start_cells(field.space, points)

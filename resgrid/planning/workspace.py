@@ -108,7 +108,7 @@ def workspace_clearance(path: AnyPath | Trajectory, obstacles: Sequence[Shape], 
     Returns
     -------
     float
-        Smallest distance in workspace units; 0 at a contact, infinite without obstacles.
+        Smallest distance in workspace units; 0 if the robot touches an obstacle, infinite without obstacles.
 
     Raises
     ------
