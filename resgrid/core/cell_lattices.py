@@ -91,11 +91,11 @@ class CellLattice(Lattice):
         return float(self.plain[step])
 
     def _open_blocks(self, offset: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Return a fraction for every cell: how many of the blocks with the cell and a neighbour have no obstacle.
+        """Return, in the shape of the space, the fraction of blocks without obstacles around a cell and its neighbour.
 
-        A block is the ``2**ndim`` cells around a corner; blocks that reach beyond the grid count as blocked.  The
-        result has the shape of the space.  `offset` (ndim,): index of the neighbour minus the index of the cell, per
-        axis.
+        A block is the ``2**ndim`` cells around a corner.  The fraction is taken of all blocks that contain both cells;
+        blocks that reach beyond the grid count as blocked.  `offset` (ndim,): index of the neighbour minus the index of
+        the cell, per axis.
         """
         total, count = np.zeros(self.shape), 0
         choices = [(0, 1) if by == 0 else (1,) if by > 0 else (0,) for by in offset.tolist()]

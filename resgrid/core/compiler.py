@@ -148,7 +148,7 @@ def compile_space(space: ConfigurationSpace, wiring: Wiring | None = None, **opt
 
 
 def why_undriven(space: ConfigurationSpace, wiring: Wiring) -> str | None:
-    """Return the reason why no current flows through any free cell, from connectivity alone; None if current flows."""
+    """Return a message why no current flows through any free cell, from connectivity alone; None if current flows."""
     edges = wiring.edges(space)
     if not space.goal_connected.any():
         return WALLED_IN
@@ -264,8 +264,8 @@ class GridContacts:
 
     `wiring`: boundary conditions and resistances; `spacing` (ndim,): cell widths; `code`, `kind`, `conductivity`:
     `Cell`, `CellRole` and conductivity of every cell, with a margin of one cell along each axis, wrapped on periodic
-    axes (`conductivity` None: 1 everywhere); `joined`: per axis, whether a face has a contact, in an array of shape
-    `resgrid.core.regions.face_shape`.
+    axes (`conductivity` None: 1 everywhere); `joined`: per axis, whether each face across this axis has a contact, in
+    the shape of the box plus one along the axis.
     """
 
     wiring: Wiring
@@ -308,7 +308,7 @@ class GridContacts:
     def conductance(self) -> tuple[NDArray[np.float64], ...]:
         """Conductances through all faces of the box, in siemens, one array per axis; 0 without a contact.
 
-        The array of an axis has the shape ``resgrid.core.regions.face_shape(shape of the box, axis)``.
+        The array of an axis has the shape of the box, plus one along this axis.
         """
         faces = tuple(np.zeros(joined.shape) for joined in self.joined)
         for axis, (siemens, joined) in enumerate(zip(faces, self.joined, strict=True)):

@@ -160,7 +160,7 @@ class Lattice(ABC):
         return np.asarray(order[first].reshape(self.space.shape), dtype=np.int64)
 
     def at_sites(self, value: NDArray[Any]) -> NDArray[Any]:
-        """Return `value`, one entry per cell (shape of the space), at the sites, in the lattice's shape."""
+        """Return the entries of `value` (shape of the space) for the cells that contain the sites, in lattice shape."""
         return value[self.site_cells]
 
 

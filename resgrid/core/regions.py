@@ -116,8 +116,8 @@ def _across_seam(labels: NDArray[np.int32], axis: int, rings: NDArray[np.bool_],
     """Return the labels of all pairs of cells that touch across the seam of a periodic axis, shape (2, n).
 
     Row 0 has the labels of the cells at the lower end of the axis, row 1 those at the upper end.  `labels`: component
-    of every cell, 0 without one; `axis`: index of the periodic axis; `rings` (ndim,): whether axes are periodic;
-    `corners`: whether cells that share only an edge or a corner touch, too.
+    of every cell, 0 for cells in no component; `axis`: index of the periodic axis; `rings` (ndim,): whether axes are
+    periodic; `corners`: whether cells that share only an edge or a corner touch, too.
     """
     first, last = labels.take(0, axis), labels.take(-1, axis)
     if not corners or labels.ndim == 1:

@@ -27,7 +27,7 @@ FieldPath = Streamline | NodePath
 
 
 def field_of(op: OperatingPoint) -> AnyField:
-    """Return the field of an operating point, of cells or of a lattice."""
+    """Return the field of an operating point: a `Field`, or a `LatticeField` for a lattice other than "square"."""
     return fields.field(op) if op.netlist.lattice_map is None else lattice_field(op)
 
 

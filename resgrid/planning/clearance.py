@@ -49,11 +49,11 @@ def segment_clearance(
     """Return the smallest distance from n segments within cells to an obstacle cell, or to an edge that acts as one.
 
     The segments are those of a polyline: each starts where the one before ends.  `home` (n, ndim): cell of each
-    segment; `starts, ends` (n, ndim): end points relative to the cell's lower corner, in
-    cell widths; `edge`: rule of the grid's edge per axis, ``"obstacle"``, ``"open"`` or ``"periodic"``; `reach`:
-    distance up to which obstacle cells are searched, one number or one per cell in the shape of the space, None without
-    obstacle cells; `blocked` (cells,): mask of obstacle cells in C order, computed if None.  The result is in axis
-    units; it is infinite if there is no obstacle cell within `reach`, and no edge that acts as an obstacle.
+    segment; `starts, ends` (n, ndim): end points relative to the cell's lower corner, in cell widths; `edge`: rule of
+    the grid's edge per axis, ``"obstacle"``, ``"open"`` or ``"periodic"``; `reach`: distance up to which obstacle cells
+    are searched, in axis units, one number or one per cell in the shape of the space, None without obstacle cells;
+    `blocked` (cells,): mask of obstacle cells in C order, computed if None.  The result is in axis units; it is
+    infinite if there is no obstacle cell within `reach`, and no edge that acts as an obstacle.
     """
     from resgrid.planning import kernels
 

@@ -266,7 +266,7 @@ def trace_many(
 
 @inner
 def segment_to_box(start: Floats, end: Floats, lower: Floats, upper: Floats) -> float:
-    """Return the distance from the segment `start` to `end` to the box with corners `lower, upper`, by bisection."""
+    """Return the distance from a segment `start, end` to a box `lower, upper` (corners, (ndim,)), by bisection."""
     a, b = 0.0, 1.0
     for _ in range(54):
         t = 0.5 * (a + b)

@@ -42,8 +42,8 @@ class LatticeField:
     wiring : Wiring
         Wiring of the solved circuit; for a blend, wiring of the circuit of k = 1.
     potential : ndarray of float64, shape of the lattice
-        ``phi`` at every site: 1 in obstacles, 0 in goals; NaN at a site without a node.  With a uniform drive, the
-        height above the goal rail, scaled to a maximum of 1.
+        ``phi`` at every site: 1 in obstacles that are connected to a rail, 0 in goals; NaN at a site without a node,
+        such as in an open obstacle.  With a uniform drive, the height above the goal rail, scaled to a maximum of 1.
     log_drop : ndarray of float64, shape of the lattice, or None
         Natural logarithm of the drop ``u = 1 - phi``, accurate even where ``phi`` rounds to 1; -inf at sites without a
         path to a goal, NaN without a node.  None if the circuit has no high rail (uniform drive), and for blends.

@@ -69,7 +69,7 @@ class LegPath:
     Attributes
     ----------
     legs : tuple of Leg
-        The legs that exist; without a path from the start, none.
+        The legs that were found; empty if no path leads from the start.
     outcome : Outcome
         ``reached`` if the last leg ends in a goal of the scene, otherwise the reason why no leg leads to a goal.  A
         path to the nearest reachable place keeps this reason.
@@ -85,7 +85,7 @@ class LegPath:
     points : ndarray of float64, shape (n, ndim)
         Points of all legs in world coordinates, continuous across periodic seams; only the start if there is no leg.
     certified : bool
-        Whether the robot is proven to touch no obstacle on any leg.
+        Whether the robot is proven to touch no obstacle on any leg; True if there is no leg.
     length : float
         Length of all legs in axis units.
 
@@ -131,7 +131,7 @@ class LegPath:
 
     @property
     def certified(self) -> bool:
-        """Whether the robot is proven to touch no obstacle on any leg."""
+        """Whether the robot is proven to touch no obstacle on any leg; True if there is no leg."""
         return all(leg.certified for leg in self.legs)
 
     @property
@@ -157,7 +157,7 @@ def plan_legs(
 ) -> LegPath:
     """Plan a path through intermediate poses, out of the inflated zone, or as near to a goal as possible.
 
-    Every leg except the one out of the inflated zone is a streamline with a certificate.
+    Every leg except the straight leg out of the inflated zone follows the current of a field and has a certificate.
 
     Parameters
     ----------

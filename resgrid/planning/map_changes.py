@@ -38,9 +38,10 @@ class Change:
             raise InputError("update() needs one of grid (the codes of all cells), occupancy, or both cells and values")
 
     def applied(self, space: ConfigurationSpace, scene: Scene | None) -> ConfigurationSpace:
-        """Return the changed space: `grid` if it is a space; `space` itself if no cell changes.
+        """Return the space after the change.
 
-        `scene`: scene of the space, None for a planner of a space.  Raise InputError for invalid values.
+        The result is `grid` itself if `grid` is a space, and `space` itself if no cell changes.  `space`: space before
+        the change; `scene`: scene of this space, None without a scene.  Raise InputError for invalid values.
         """
         if isinstance(self.grid, ConfigurationSpace):
             return self.grid

@@ -221,7 +221,7 @@ def follow_many_nodes(field: LatticeField, points: NDArray[np.float64]) -> Trace
 
 
 def _flowing_cells(field: LatticeField) -> NDArray[np.bool_]:
-    """Return the free cells all of whose sites have a next site, shape of the space."""
+    """Return the mask of the free cells in which a path can leave every site, shape of the space."""
     flows = np.asarray(field.space.cell == Cell.FREE)
     ends = np.stack(np.unravel_index(np.flatnonzero(field.next_site < 0), field.lattice.shape), axis=1)
     flows[tuple(field.lattice.cells(ends).T)] = False
@@ -241,7 +241,7 @@ def _first_site(field: LatticeField, cell: NDArray[np.int64], point: NDArray[np.
 
 
 def _visited(field: LatticeField, first: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the sites of the path from a site to a goal, or to a site without outward current, (m, ndim).
+    """Return the indices of the sites of the path from a site to a goal, or to one without outward current, (m, ndim).
 
     `first` (ndim,): index of the first site.
     """
@@ -259,7 +259,8 @@ def _line(
 ) -> NDArray[np.float64]:
     """Return the polyline of a path in axis units, continuous across periodic seams, (n, ndim).
 
-    `start` (1, ndim): start; `sites` (m, ndim): visited sites; `goal_cell` (ndim,): reached goal cell, or None.
+    `start` (1, ndim): start, in axis units; `sites` (m, ndim): indices of the visited sites; `goal_cell` (ndim,): index
+    of the reached goal cell, whose goal point is appended if there is one, or None.
     """
     space, lattice = field.space, field.lattice
     parts = [start]

@@ -69,8 +69,8 @@ def surface_normals(
     spacing : float or sequence of float
         Cell widths of an array, in any unit.
     padding : int, optional
-        Number of free cells added on both sides of every axis that is not periodic.  By default half of the longest
-        axis in one or two dimensions, and a quarter of it in three or four.
+        Number of free cells added on both sides of every axis that is not periodic.  By default 1 plus a fraction of
+        the number of cells of the longest axis: half in one or two dimensions, a quarter in three or four.
 
     Returns
     -------

@@ -1,7 +1,7 @@
 """Fields of spaces too large for the memory of one process: PETSc processes solve them from memory-mapped files.
 
-No netlist is compiled.  The equations are written, and the solution is read and checked, one slab of rows at a time;
-the arrays of the resulting field are memory-mapped files, too.
+No netlist is compiled.  The equations are written, and the solution is read and checked, one slab at a time: a range of
+indices along the first axis.  The arrays of the resulting field are memory-mapped files, too.
 
 PETSc stops at a residual norm.  Afterwards every cell is tested for direction safety.  A streamline ends at a cell that
 fails the test; in a Dirichlet field these are cells far from the goals.

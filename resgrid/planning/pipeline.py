@@ -112,9 +112,9 @@ def solve_options(method: str, ranks: int | None = None, launcher: str | None = 
 class Problem:
     """A planning problem: a configuration space, the wiring of a circuit on it, blends of two fields, and starts.
 
-    `wiring`: wiring of the circuit; in a blend, of the circuit with k = 1; `ks`: weights of the Dirichlet field, one
-    per blend, empty if only the field of `wiring` is needed; `starts` (n, ndim): in world coordinates; `start_driven`:
-    whether each start drives a circuit of its own, with open obstacles.
+    `space`: the space; `wiring`: wiring of the circuit, in a blend of the circuit with k = 1; `ks`: weights of the
+    Dirichlet field, one per blend, empty if only the field of `wiring` is needed; `starts` (n, ndim): in world
+    coordinates; `start_driven`: whether each start drives a circuit of its own, with open obstacles.
     """
 
     space: ConfigurationSpace
@@ -206,7 +206,7 @@ class Solution:
 
     @cached_property
     def fields(self) -> tuple[AnyField, ...]:
-        """Fields that the problem asks for: one per weight k, or one per start if starts drive circuits."""
+        """Fields that the problem asks for: one per weight k, one per start if starts drive circuits, or only one."""
         ks = self.problem.ks
         if self.problem.start_driven or not ks:
             return tuple(self.pure.values())

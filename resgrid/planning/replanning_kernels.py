@@ -23,7 +23,10 @@ A smaller relative difference of the values of two cells may be a rounding error
 """
 
 _NEGLIGIBLE = 1e-7
-"""Largest ratio to the through-current of both cells for which a current that may be rounding error is set to zero."""
+"""Largest fraction of a cell's through-current at which a current that may be a rounding error is set to zero.
+
+The current must be at most this fraction in both cells of the face.
+"""
 
 Bools = NDArray[np.bool_]
 Floats = NDArray[np.float64]

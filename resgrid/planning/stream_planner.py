@@ -53,7 +53,7 @@ class StreamedPath:
         Outcome of the plan; None if there is no plan, because the map, the start or the goal is missing, the frame of
         the map changed, or the field is not direction-safe.
     reason : str or None
-        Reason why no goal is reached; None if one is reached.
+        Reason why no certified path reaches a goal; None if one does.
     certified : bool
         Whether the path has passed `certify`.
     replanning : Replanning or None
@@ -63,7 +63,7 @@ class StreamedPath:
     planner : Planner or None
         Solved space of this snapshot; if nothing was solved, that of the last solved snapshot, or None without one.
     scene : Scene or None
-        Scene with the snapshot's map and the goals in the options, if any; None before the first usable map.
+        Scene with the snapshot's map and any goals in the options of the planner; None before the first usable map.
     start : tuple of float or None
         Start in world coordinates (x, y), in metres; for a robot that turns, also the heading in radians times the
         turning length, in metres, of the robot; None if the start is unknown.

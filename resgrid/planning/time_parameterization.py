@@ -51,7 +51,7 @@ class Trajectory:
         Velocities in world coordinates per second, just after each knot; 0 at the last knot.
     accelerations : ndarray of float64, shape (n - 1, ndim)
         Accelerations in world coordinates per second squared, between the knots; means in a resampled trajectory.
-    path : Streamline, ShortPath or Polyline
+    path : Streamline, ShortPath, Polyline or NodePath
         The path that was time-parameterized.
     motion : Trajectory or None
         For a resampled trajectory, the original, which defines the motion between knots.
@@ -200,7 +200,7 @@ def time_parameterize(
 
     Parameters
     ----------
-    path : Streamline, ShortPath or Polyline
+    path : Streamline, ShortPath, Polyline or NodePath
         The path to follow.
     velocity_limits : float or sequence of float, optional
         Positive limits in world coordinates per second.  A sequence limits each coordinate separately.  A single number
