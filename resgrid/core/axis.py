@@ -90,7 +90,7 @@ class Axis:
 
     @property
     def edges(self) -> NDArray[np.float64]:
-        """Cell borders, shape ``(cells + 1,)``, in ``unit``."""
+        """Cell borders, ascending, shape ``(cells + 1,)``, in ``unit``."""
         return np.linspace(self.lower, self.upper, self.cells + 1)
 
 
@@ -105,8 +105,8 @@ def split_points(
     """Return the cells of points (..., ndim), and the positions in these cells as fractions in [0, 1] (..., ndim).
 
     Periodic coordinates are wrapped first.  A point on the border of two cells belongs to the upper cell, except at the
-    upper end of the axis.  A point that lies outside the grid by at most the rounding error is moved to the border;
-    other points outside raise InputError.
+    upper end of an axis.  A point that lies outside the grid by at most the rounding error is moved to the border of
+    the grid; other points outside raise InputError.
 
     `axes`: axes of the space; `point` (..., ndim): points in axis units; `reach` (ndim,): largest magnitude of a
     coordinate per axis that occurs in the conversion between world and space (`Frame.reach`), from which the rounding

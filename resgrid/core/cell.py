@@ -1,4 +1,4 @@
-"""The state of a cell, and checks of arrays with one value per cell."""
+"""The state of a cell, and checks of the arrays of a space: states, undecided cells, conductivities and goal points."""
 
 from __future__ import annotations
 
@@ -34,9 +34,11 @@ class Cell(IntEnum):
 
 
 def checked_undecided(cells: NDArray[np.uint8], undecided: ArrayLike) -> NDArray[np.bool_]:
-    """Return the mask `undecided` of undecided cells as a read-only array of the shape of the grid.
+    """Return the mask `undecided` as a read-only boolean array of the shape of the grid.
 
-    Raise InputError for another shape, or if an undecided cell is not an obstacle.  `cells`: `Cell` code of every cell.
+    A cell is undecided if neither freedom nor a collision of its configurations was proven; it then counts as an
+    obstacle.  Raise InputError if the mask has another shape, or is True for a cell that is not an obstacle.  `cells`:
+    `Cell` code of every cell.
     """
     mask = np.array(undecided, dtype=np.bool_)
     if mask.shape != cells.shape or (mask & (cells != Cell.OBSTACLE)).any():
@@ -48,8 +50,8 @@ def checked_undecided(cells: NDArray[np.uint8], undecided: ArrayLike) -> NDArray
 def checked_cells(axes: tuple[Axis, ...], given: ArrayLike) -> NDArray[np.uint8]:
     """Return cell codes as a uint8 array of the axes' shape; raise InputError for a wrong shape or value.
 
-    InputError is also raised for more than 4 axes, and for axes of equal names.  `axes`: axes of the space; `given`:
-    codes (0 free, 1 obstacle, 2 goal) or booleans (True is an obstacle) of all cells.
+    InputError is also raised for no axis, for more than 4 axes, and for axes of equal names.  `axes`: axes of the
+    space; `given`: codes (0 free, 1 obstacle, 2 goal) or booleans (True is an obstacle) of all cells.
     """
     cell = real_numbers("cell", given)
     if not 1 <= len(axes) <= MAX_DIMENSIONS:
@@ -68,9 +70,10 @@ def checked_cells(axes: tuple[Axis, ...], given: ArrayLike) -> NDArray[np.uint8]
 
 
 def checked_conductivity(shape: tuple[int, ...], value: ArrayLike) -> NDArray[np.float64]:
-    """Return the conductivities as an array of floats of `shape`, the shape of the grid.
+    """Return the conductivities of cells as an array of floats of `shape`, the shape of the grid.
 
-    Raise InputError if `value` has another shape, or an entry that is not positive and finite.
+    `value`: conductivity of every cell, relative to the default 1.  Raise InputError if `value` has another shape, or
+    an entry that is not positive and finite.
     """
     conductivity = np.array(value, dtype=np.float64, order="C")
     if conductivity.shape != shape:

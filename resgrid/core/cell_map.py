@@ -34,7 +34,8 @@ class CellMap:
         ``cells + 1`` faces, in C order of an array of shape `resgrid.core.regions.face_shape`.  Face ``i`` is the lower
         face of cell ``i``.  On a periodic axis the last face equals the first one and is not used.
     resistor_upward : ndarray of bool, shape (resistors,)
-        Whether the first node of each resistor is on the lower side of the face; without meaning if it crosses no face.
+        Whether the first node of each resistor is on the lower side of the face that the resistor crosses; without
+        meaning for a resistor that crosses no face.
     free_node : ndarray of int32, shape (free nodes,)
         Nodes of the free cells, in C order of the cells, without cells that have no node.
     obstacle_node : int
@@ -44,7 +45,7 @@ class CellMap:
     nonlinear_face : ndarray of int64, shape (nonlinear resistors,)
         Cell face that each nonlinear resistor crosses, numbered like the faces of `resistor_face`; -1 for none.
     nonlinear_upward : ndarray of bool, shape (nonlinear resistors,)
-        Whether the first node of each nonlinear resistor is on the lower side of the face.
+        Whether the first node of each nonlinear resistor is on the lower side of the face that the resistor crosses.
     rail_nodes : mapping of str to ndarray of int32, shape of the space
         Nodes of rails that are resistive meshes with one node per cell, by name of the rail (``"obstacle"`` or
         ``"goal_0"``); -1 where the rail node is the node of the cell itself.  Empty for ideal rails.
@@ -75,7 +76,10 @@ class CellMap:
         return np.asarray(np.maximum(-2 - self.resistor_face, -1), dtype=self.resistor_face.dtype)
 
     def cell_of_node(self, node_count: int) -> NDArray[np.int64]:
-        """Return the flat index of the cell of every node, -1 for rails and ground; (node_count,)."""
+        """Return the flat index of the cell of every node, -1 for rails, ground and nodes without a cell.
+
+        The shape is (node_count,); `node_count`: number of nodes of the netlist.
+        """
         node = self.node.ravel()
         own = node >= 0
         if self.wiring.rails == "merged":

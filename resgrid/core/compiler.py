@@ -1,15 +1,16 @@
 """Compile a configuration space into a netlist: nodes of cells, resistors between neighbours, and sources.
 
-Face neighbours are connected by resistors.  Voltage sources tie obstacles and goals to their rails, or current sources
-drive the nodes (Tarassenko & Blake 1991; Connolly & Grupen 1992, section 2).
+Face neighbours are connected by resistors (`resgrid.core.lattice_compiler` compiles the other lattices).  Voltage
+sources tie obstacles and goals to their rails, or current sources drive the nodes (Tarassenko & Blake 1991; Connolly &
+Grupen 1992, section 2).
 
 Along axis ``a`` the conductance is ``(h_ref / h_a)**2 / R`` times the series combination ``2 c_i c_j / (c_i + c_j)`` of
 the cells' conductivities ``c``.  Here ``h_a`` is the cell width along the axis, ``h_ref`` the smallest width, and ``R``
 the resistance between neighbours.  Kirchhoff's current law at a node is then the finite-volume form of
 ``div(c grad phi) = 0``.
 
-The contact of two neighbours depends on the kinds of both cells and on the boundary condition; ``R_wall`` is the wall
-resistance:
+The contact, the resistor between two neighbours, depends on the kinds of both cells and on the boundary condition;
+``R_wall`` is the wall resistance:
 
 =================  ==========  ============================  =======================
 neighbours         dirichlet   wall                          neumann
@@ -28,8 +29,6 @@ contacts.  Resistors between obstacle or goal cells exist only if these have nod
 
 With a leak, every free node has one more resistor, of conductance ``leak * h_ref**2 / R``, to the obstacle rail.  The
 drop ``u`` from that rail then solves the screened Poisson equation ``div(c grad u) = leak u``.
-
-`resgrid.core.lattice_compiler` compiles the other lattices.
 """
 
 from __future__ import annotations
@@ -149,7 +148,7 @@ def compile_space(space: ConfigurationSpace, wiring: Wiring | None = None, **opt
 
 
 def why_undriven(space: ConfigurationSpace, wiring: Wiring) -> str | None:
-    """Return the reason why no current flows through any free cell, from connectivity alone; None if current flows."""
+    """Return a message why no current flows through any free cell, from connectivity alone; None if current flows."""
     edges = wiring.edges(space)
     if not space.goal_connected.any():
         return WALLED_IN
@@ -188,7 +187,7 @@ def require_netlist_memory(shape: tuple[int, ...], remedy: Remedy = FEWER_CELLS,
 def _number_nodes(space: ConfigurationSpace, wiring: Wiring, kind: NDArray[np.uint8]) -> _Nodes:
     """Return the node numbers of rails and cells.
 
-    `kind`: `CellRole` of every cell, with a margin of one cell on every side.
+    `kind`: `CellRole` of every cell (own node, a rail or no node), with a margin of one cell on every side.
     """
     own = kind[(slice(1, -1),) * space.ndim] == CellRole.NODE
     if wiring.start is not None:
@@ -252,8 +251,8 @@ def _resistors(space: ConfigurationSpace, contacts: GridContacts, nodes: _Nodes)
 class CellRole(IntEnum):
     """Role of a cell, or of the margin around the grid, in the circuit: own node, high rail, low rail, or no node.
 
-    The order NODE < HIGH < LOW < NONE determines which pairs of cells have a contact: at least one has a node, and none
-    has the role NONE.
+    The order NODE < HIGH < LOW < NONE determines which pairs of neighbours have a contact (a resistor): at least one
+    cell has a node of its own, and neither cell has the role NONE.
     """
 
     NODE, HIGH, LOW, NONE = range(4)
@@ -261,12 +260,12 @@ class CellRole(IntEnum):
 
 @dataclass(frozen=True, eq=False)
 class GridContacts:
-    """All contacts between neighbouring cells of a box, without node numbers.
+    """All contacts (resistors between neighbouring cells, rail cells and edges included) of a box, without nodes.
 
     `wiring`: boundary conditions and resistances; `spacing` (ndim,): cell widths; `code`, `kind`, `conductivity`:
     `Cell`, `CellRole` and conductivity of every cell, with a margin of one cell along each axis, wrapped on periodic
-    axes (`conductivity` None: 1 everywhere); `joined`: per axis, whether a face has a contact, in an array of shape
-    `resgrid.core.regions.face_shape`.
+    axes (`conductivity` None: 1 everywhere); `joined`: per axis, whether each face across this axis has a contact, in
+    the shape of the box plus one along the axis.
     """
 
     wiring: Wiring
@@ -309,7 +308,7 @@ class GridContacts:
     def conductance(self) -> tuple[NDArray[np.float64], ...]:
         """Conductances through all faces of the box, in siemens, one array per axis; 0 without a contact.
 
-        The array of an axis has the shape ``resgrid.core.regions.face_shape(shape of the box, axis)``.
+        The array of an axis has the shape of the box, plus one along this axis.
         """
         faces = tuple(np.zeros(joined.shape) for joined in self.joined)
         for axis, (siemens, joined) in enumerate(zip(faces, self.joined, strict=True)):
@@ -320,11 +319,11 @@ class GridContacts:
 def contacts_of_box(
     space: ConfigurationSpace, wiring: Wiring, box: Sequence[tuple[int, int]] = (), *, connected: bool = True
 ) -> GridContacts:
-    """Return the contacts between neighbouring cells of a box.
+    """Return the contacts of a box: resistors between neighbouring cells, rail cells and edges included.
 
     `wiring`: complete wiring, from ``wiring.on(space)``; `box`: range (first, end), without end, of cells along each of
-    the first axes, the other axes are complete; `connected`: whether cells not connected to a goal have no node (open
-    obstacles only).
+    the first axes, the other axes are complete; `connected`: with open obstacles, True leaves free cells that are not
+    connected to a goal without a node, and False gives every free cell a node.
     """
     require_square(wiring.lattice, "this computation of currents through cell faces")
     code = with_margin(space.cell, space.periodic, box, beyond=Cell.OBSTACLE)
@@ -350,11 +349,11 @@ def contacts_of_box(
 def _set_margin(kind: NDArray[np.uint8], axis: int, wiring: Wiring, size: int, ends: tuple[bool, bool]) -> None:
     """Set the roles of the margin cells beyond both ends of an axis, in place.
 
-    Beyond an edge of the space that acts as an obstacle, a margin cell belongs to the high rail; beyond an open edge,
-    or if obstacles are open, it has no contact; inside the space and on a periodic axis it keeps its role.  `kind`:
-    `CellRole` of every cell of the box, with a margin of one cell; `axis`: index of the axis; `wiring`: rules for edges
-    and boundary; `size`: number of cells of the whole space along the axis; `ends`: whether the box reaches the lower
-    and the upper end of the space along the axis.
+    Beyond an edge of the space that acts as an obstacle, a margin cell belongs to the high rail.  Beyond an open edge,
+    or if obstacles are open, or on a ring of one cell, a margin cell has no contact.  Inside the space and on other
+    periodic axes a margin cell keeps its role.  `kind`: `CellRole` of every cell of the box, with a margin of one cell;
+    `axis`: index of the axis; `wiring`: rules for edges and boundary; `size`: number of cells of the whole space along
+    the axis; `ends`: whether the box reaches the lower and the upper end of the space along the axis.
     """
     edge = wiring.edge[axis]
     if edge == "periodic" and size > 1:
@@ -385,7 +384,7 @@ def _voltage_sources(
 
 
 def _uniform_drive(wiring: Wiring, nodes: _Nodes) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
-    """Return nodes (c, 2) and currents (c,), in amperes, of c equal current sources into all free nodes.
+    """Return nodes (c, 2) and currents (c,), in amperes, of equal current sources, one into each of the c free nodes.
 
     The current leaves the first node, ground, and enters the second one.  Both arrays are empty without a uniform
     drive; raise CircuitError if there is no free node.

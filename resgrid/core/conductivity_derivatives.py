@@ -1,4 +1,4 @@
-"""Conversion of derivatives by all conductances of a netlist to derivatives by the conductivities of cells."""
+"""Conversion of derivatives with respect to conductances of a netlist to derivatives with respect to conductivities."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ def conductivity_gradient(netlist: Netlist, conductance: NDArray[np.float64]) ->
 
     The contact of two cells with the conductivities ``a`` and ``b`` has the conductance ``G = s 2 a b / (a + b)`` with
     a constant ``s`` (`resgrid.compile_space`), so that ``d log G / da = b / (a (a + b))``.  Next to a rail cell, ``G =
-    s a`` and ``d log G / da = 1 / a``.  A wall resistance ``R_wall`` multiplies these by ``1 / (1 + G R_wall)``.
+    s a`` and ``d log G / da = 1 / a``.  A wall resistance ``R_wall`` multiplies the derivatives of contacts with
+    obstacles by ``1 / (1 + G R_wall)``, where ``G`` is the conductance without the wall.
 
     Parameters
     ----------
@@ -32,7 +33,7 @@ def conductivity_gradient(netlist: Netlist, conductance: NDArray[np.float64]) ->
     Returns
     -------
     ndarray of float64, shape of the space
-        Derivatives with respect to the conductivities.
+        Derivatives of the function with respect to the conductivities of cells, which have no unit.
 
     Raises
     ------

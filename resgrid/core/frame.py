@@ -29,7 +29,7 @@ class Frame:
     Parameters
     ----------
     x, y : float
-        World coordinates of the origin of the space.
+        World coordinates of the origin of the space, in axis units.
     yaw : float
         Angle from the world's x axis to the x axis of the space, in radians, anticlockwise.
     turning_length : float or None

@@ -23,18 +23,19 @@ _PHASES = 65
 _APART = 1e-4
 """Smallest distance of rows from borders of cells in accepted positions of the rows, as a fraction of a cell's width.
 
-The most central accepted position is taken; without one, the position with the largest distance.
+Of the accepted positions, the one that centres the rows best in the grid is taken; if no position is accepted, the
+position with the largest distance.
 """
 
 
 @dataclass(frozen=True, eq=False)
 class HexagonalLattice(Lattice):
-    """A triangular lattice with rows parallel to the first axis.
+    """A triangular lattice of sites (positions of nodes) with rows parallel to the first axis.
 
     Along the first axis, the first site of a row lies alternately a quarter and three quarters of the pitch above the
-    lower end of the axis.  `pitch`: distance of neighbours in a row; `row`: distance of neighbouring rows; `first`:
-    distance of the first row from the lower end of the second axis, all in axis units; `per_cell`: number of sites of a
-    row in a cell.
+    lower end of the axis.  Fields besides those of `Lattice`: `pitch`: distance of neighbours in a row; `row`: distance
+    of neighbouring rows; `first`: distance of the first row from the lower end of the second axis, all in axis units;
+    `per_cell`: number of sites that a row has in a cell.
     """
 
     pitch: float
@@ -62,7 +63,9 @@ class HexagonalLattice(Lattice):
     def beyond(self, step: int, sense: int) -> Index:
         """Return the indices of the neighbours of all sites in one direction; they may lie outside the lattice.
 
-        `step`: index of the step; `sense`: 1 for the step, -1 for its negative.
+        The result is a pair of arrays, index in the row and index of the row, which broadcast to the lattice's shape.
+        `step`: 0 along the row, 1 or 2 to the next row, half a pitch forward or backward along the first axis; `sense`:
+        1 for the step, -1 for its negative.
         """
         i, j = np.indices(self.shape, sparse=True)
         if step == 0:
@@ -72,7 +75,11 @@ class HexagonalLattice(Lattice):
         return i + sense * (lower % 2 - left), j + sense
 
     def weights_at(self, step: int) -> NDArray[np.float64]:
-        """Return the weight of a step from every site, 0 if its segment touches an obstacle or leaves the grid."""
+        """Return the weight of the step with index `step` from every site, in the lattice's shape.
+
+        A weight is a conductance times ``wiring.resistance``, at conductivity 1.  It is 0 if the straight segment of
+        the step touches an obstacle cell or leaves the grid.
+        """
         there, solid = self.neighbours(step), self.space.cell == Cell.OBSTACLE
         (x, y), (x_there, y_there) = self._ends(step)
         at_x, at_y = self._crossings(step)
@@ -84,10 +91,10 @@ class HexagonalLattice(Lattice):
         return np.where(blocked, 0.0, self.weights[step])
 
     def conductivity_at(self, step: int) -> NDArray[np.float64] | None:
-        """Return the harmonic mean of the conductivity along the segment of a step from every site.
+        """Return the harmonic mean of the conductivity along the segment of a step from every site, in lattice shape.
 
-        On a segment between a free site and a goal, goal cells have the conductivity of the free end.  None if the
-        space has no conductivities.
+        On a segment between a site in a free cell and a site in a goal cell, goal cells count with the conductivity of
+        the cell at the free end.  None if the space has no conductivities.  `step`: index of the step.
         """
         code, c = self.space.cell, self.space.conductivity
         if c is None:
@@ -108,7 +115,10 @@ class HexagonalLattice(Lattice):
         return np.asarray(1.0 / (low / first + (high - low) / middle + (1.0 - high) / last))
 
     def contact_weight(self, step: int) -> float:
-        """Return the weight of the contact with an obstacle that replaces a blocked step: the weight of the step."""
+        """Return the weight of the resistor to the obstacle rail that replaces a blocked step: the weight of the step.
+
+        A weight is a conductance times ``wiring.resistance``, at conductivity 1.  `step`: index of the step.
+        """
         return float(self.weights[step])
 
     def _ends(self, step: int) -> tuple[Index, Index]:
@@ -138,7 +148,7 @@ class HexagonalLattice(Lattice):
 
 
 def hexagonal_lattice(space: ConfigurationSpace) -> HexagonalLattice:
-    """Return the triangular lattice over a plane."""
+    """Return the triangular lattice over a space with two axes."""
     per_cell, pitch, rows, row = hexagonal_rows(space)
     h_ref = float(space.spacing.min())
     across = h_ref**2 / (2.0 * row**2)
@@ -159,7 +169,8 @@ def hexagonal_lattice(space: ConfigurationSpace) -> HexagonalLattice:
 def hexagonal_rows(space: ConfigurationSpace) -> tuple[int, float, int, float]:
     """Return number of sites of a row in a cell, pitch, number of rows, and distance of neighbouring rows.
 
-    Lengths are in axis units.  Raise InputError if the second axis is periodic and has too few cells for a lattice.
+    The pitch is the distance of neighbouring sites of a row; both lengths are in axis units.  Raise InputError if the
+    second axis is periodic and has too few cells for a lattice.
     """
     width, height = space.spacing.tolist()
     per_cell = max(ceil(_ROW * width / height - 1e-9), 1)

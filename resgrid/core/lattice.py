@@ -1,4 +1,4 @@
-"""The type `Lattice`: sites over a configuration space, and steps from a site to its neighbours."""
+"""The abstract class `Lattice`, sites over a space with steps to neighbours, and a check for the lattice "square"."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ Index = tuple[NDArray[np.int64], ...]
 
 @dataclass(frozen=True, eq=False)
 class Lattice(ABC):
-    """Sites over a space, and the steps from a site to its neighbours.
+    """Sites, the positions of nodes, over a space, and the steps from a site to its neighbours.
 
     `space`: the space; `name`: name of the lattice; `shape`: number of sites along every axis of the lattice;
-    `steps` (n, ndim): displacements to half of the neighbours, in axis units; the other steps are their negatives;
-    `weights` (n,): weight of every step far from obstacles, which is the conductance of the resistor along the step in
-    units of 1 / resistance, at conductivity 1.
+    `steps` (n, ndim): displacements to half of the neighbours, in axis units; displacements to the other neighbours are
+    the negatives of `steps`; `weights` (n,): weight of every step far from obstacles.  A weight is the conductance of
+    the resistor along the step times ``wiring.resistance``, at conductivity 1.
     """
 
     space: ConfigurationSpace
@@ -72,28 +72,33 @@ class Lattice(ABC):
 
     @abstractmethod
     def weights_at(self, step: int) -> NDArray[np.float64]:
-        """Return the weight of a step from every site, in the lattice's shape.
+        """Return the weight of the step with index `step` from every site, in the lattice's shape.
 
-        The weight is 0 where the segment of the step touches an obstacle cell or leaves the grid.
+        A weight is a conductance times ``wiring.resistance``, at conductivity 1.  The weight is 0 where the straight
+        segment of the step touches an obstacle cell or leaves the grid.
         """
 
     @abstractmethod
     def conductivity_at(self, step: int) -> NDArray[np.float64] | None:
-        """Return the harmonic mean of the conductivity along a step from every site, in the lattice's shape.
+        """Return the harmonic mean of the conductivity along the step `step` from every site, in the lattice's shape.
 
-        None if the space has no conductivities, so that they are 1.
+        None if the space has no conductivities; every conductivity is then 1.
         """
 
     @abstractmethod
     def contact_weight(self, step: int) -> float:
-        """Return the weight of the contact with an obstacle that replaces a blocked step, 0 for no contact."""
+        """Return the weight of the resistor to the obstacle rail that replaces a step that an obstacle blocks.
+
+        The weight is the conductance times ``wiring.resistance``, at conductivity 1; 0 if no resistor replaces the
+        step.  `step`: index of the step.
+        """
 
     @abstractmethod
     def sites_in(self, cell: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return the sites in a cell, (n, ndim), in C order; `cell` (ndim,): index of the cell."""
+        """Return the indices of the sites in a cell, (n, ndim), in C order; `cell` (ndim,): index of the cell."""
 
     def nearest(self, cell: NDArray[np.int64], point: NDArray[np.float64]) -> NDArray[np.int64]:
-        """Return the site of a cell that is nearest to a point, (ndim,); the first in C order of equally near sites.
+        """Return the index (ndim,) of the site of a cell nearest to a point; the first in C order of equally near ones.
 
         `cell` (ndim,): index of the cell; `point` (ndim,): a point of the cell, in axis units.
         """
@@ -135,12 +140,12 @@ class Lattice(ABC):
 
     @cached_property
     def site_weights(self) -> NDArray[np.float64]:
-        """Weights of all steps from all sites, 0 where a segment is blocked; (steps, sites)."""
+        """Weights (conductance times resistance) of all steps from all sites, (steps, sites); 0 for blocked steps."""
         return np.stack([self.weights_at(step).ravel() for step in range(len(self.steps))])
 
     @cached_property
     def site_cells(self) -> Index:
-        """Cells that contain the sites, one array of the lattice's shape per axis."""
+        """Indices of the cells that contain the sites, one array of the lattice's shape per axis."""
         grid = np.moveaxis(np.indices(self.shape), 0, -1)
         return tuple(np.moveaxis(self.cells(grid), -1, 0))
 
@@ -155,7 +160,7 @@ class Lattice(ABC):
         return np.asarray(order[first].reshape(self.space.shape), dtype=np.int64)
 
     def at_sites(self, value: NDArray[Any]) -> NDArray[Any]:
-        """Return `value`, one entry per cell (shape of the space), at the sites, in the lattice's shape."""
+        """Return the entries of `value` (shape of the space) for the cells that contain the sites, in lattice shape."""
         return value[self.site_cells]
 
 

@@ -49,7 +49,7 @@ class _Links(NamedTuple):
     """Resistors of a lattice, given by sites, before the nodes are numbered.
 
     `first`, `second` (m,): flat indices of the sites at both ends; `step` (m,): index of the step from the first to the
-    second; `siemens` (m,): conductance.  The second site and the step of a contact with the obstacle rail are -1.
+    second site; `siemens` (m,): conductance, in siemens.  For a resistor to the obstacle rail, `second`, `step` are -1.
     """
 
     first: NDArray[np.int64]
@@ -117,9 +117,9 @@ def _no_links() -> _Links:
 
 
 def _resistors(lattice: Lattice, wiring: Wiring, own: NDArray[np.bool_], step: int) -> _Links:
-    """Return the resistors along one step of the lattice that join two free sites, or a free and a goal site.
+    """Return the resistors along one step of the lattice that join two sites with nodes, or such a site and a goal.
 
-    `own` (shape of the lattice): whether a site has a node of its own; `step`: index of the step.
+    `own` (shape of the lattice): whether a site, in a free cell, has a node of its own; `step`: index of the step.
     """
     weight, c = lattice.site_weights[step], lattice.conductivity_at(step)
     there, is_own = lattice.neighbours(step).ravel(), own.ravel()
@@ -135,7 +135,7 @@ def _resistors(lattice: Lattice, wiring: Wiring, own: NDArray[np.bool_], step: i
 
 
 def _contacts(lattice: Lattice, wiring: Wiring, own: NDArray[np.bool_], step: int) -> _Links:
-    """Return the contacts with the obstacle rail that replace blocked resistors along one step and its negative.
+    """Return the resistors to the obstacle rail that replace blocked resistors along one step and its negative.
 
     A resistor is blocked if its segment touches an obstacle cell, or leaves the grid at an edge that acts as an
     obstacle.  `own` (shape of the lattice): whether a site has a node of its own; `step`: index of the step.

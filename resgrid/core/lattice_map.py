@@ -20,6 +20,8 @@ from resgrid.core.wiring import Wiring
 class LatticeMap:
     """Map between the nodes and resistors of a netlist and the sites and steps of a lattice.
 
+    A site is a possible position of a node; a step leads from a site to a neighbouring site.
+
     Attributes
     ----------
     space : ConfigurationSpace

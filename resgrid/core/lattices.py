@@ -1,4 +1,4 @@
-"""Choice of a lattice by its name: nine-point or 27-point stencil of cells, or triangular lattice.
+"""Construction and check of a lattice by its name: nine-point or 27-point stencil of cells, or triangular lattice.
 
 A lattice has sites, steps from a site to its neighbours, and a weight for every step.  The weights ``g`` approximate
 the Laplacian, ``sum_j g_j (f(x + s_j) - f(x)) = h_ref**2 lap f``.  Here ``s_j`` are the steps, and ``h_ref`` is the
@@ -40,7 +40,7 @@ _AXES = {"square8": 2, "cube26": 3, "hexagonal": 2}
 def lattice_of(name: LatticeName, space: ConfigurationSpace) -> Lattice:
     """Return the lattice called `name` over a space.
 
-    Raise InputError if the lattice does not fit the axes of the space, and for "square", which has no sites.
+    Raise InputError if the lattice does not fit the axes of the space, and for the name "square", which has no sites.
     """
     check_lattice(name, space)
     if name == SQUARE:

@@ -1,4 +1,4 @@
-"""Netlists: resistors, sources and capacitors as arrays, and the map between nodes and cells."""
+"""The class `Netlist` (resistors, sources and capacitors as arrays), and functions that add or select its elements."""
 
 from __future__ import annotations
 
@@ -63,7 +63,8 @@ class Netlist:
     capacitor_nodes, capacitance : array_like, shapes (k, 2) and (k,)
         Capacitors, in farads; open circuits in an operating point.
     tc1, tc2 : array_like of float, shape (m,), optional
-        Temperature coefficients of the resistors, in 1/K and 1/K^2.
+        Temperature coefficients of the resistors, in 1/K and 1/K^2: at ``dT`` above the nominal temperature, the
+        resistance is multiplied by ``1 + tc1 dT + tc2 dT^2``.  None for no dependence.
     nonlinear_nodes, nonlinear_current, nonlinear_voltage : array_like, shapes (q, 2), (q,) and (q,)
         Nonlinear resistors with the current ``I0 tanh((V_a - V_b) / V0)`` from the first node ``a`` to the second node
         ``b``, with ``I0 > 0`` in amperes and ``V0 > 0`` in volts (the horizontal resistor of Mead, *Analog VLSI and
@@ -158,7 +159,11 @@ class Netlist:
         check_node_names(self.node_names, self.node_count)
 
     def _check_kind(self, kind: str, names: tuple[str, ...]) -> None:
-        """Raise InputError unless the arrays `names` of one kind of element have equal lengths and finite values."""
+        """Raise InputError unless the arrays of one kind of element have equal lengths and finite values.
+
+        `names`: names of the arrays, first the array of node pairs; `kind`: kind, such as ``"resistor"``, for the
+        message.  Values of ``conductance`` are not checked here.
+        """
         nodes = getattr(self, names[0])
         for name in names[1:]:
             value = getattr(self, name)
@@ -178,7 +183,7 @@ class Netlist:
 
     @property
     def space_map(self) -> CellMap | LatticeMap | None:
-        """Map between the nodes and the compiled space, of cells or of a lattice; None if there is no space."""
+        """Map from nodes to the cells, or to the sites of a lattice, of the compiled space; None without a space."""
         return self.lattice_map if self.cell_map is None else self.cell_map
 
     @property
@@ -251,9 +256,11 @@ class Netlist:
         -------
         networkx.MultiGraph
             Graph nodes are node numbers with the attribute ``name``.  Every edge has ``kind`` (``"resistor"``,
-            ``"voltage source"``, ``"current source"``, ``"capacitor"``, ``"nonlinear resistor"``); ``conductance``,
-            ``volts``, ``amps``, ``capacitance``, or ``current`` and ``voltage``, in SI units; ``tc1``, ``tc2`` and
-            ``name`` if the netlist has them; the ordered pair ``nodes``; and its ``number`` within the kind.
+            ``"voltage source"``, ``"current source"``, ``"capacitor"``, ``"nonlinear resistor"``).  In this order, the
+            values, in SI units, are ``conductance``; ``volts``; ``amps``; ``capacitance``; ``current`` and ``voltage``,
+            the ``I0`` and ``V0`` of ``I0 tanh((V_a - V_b) / V0)``.  Resistors have ``tc1`` and ``tc2``, and all
+            elements ``name``, if the netlist has them.  ``nodes`` is the ordered pair of nodes, ``number`` the index
+            of the element within its kind.
         """
         return graph_of(self)
 
@@ -264,8 +271,10 @@ class Netlist:
         Parameters
         ----------
         graph : networkx.Graph or MultiGraph
-            An edge without ``kind`` is a resistor.  A resistor needs a number ``conductance`` or ``resistance``, in SI
-            units.  A directed graph must not have resistors in both directions between two nodes.
+            Every edge is an element of the kind that its attribute ``kind`` names; without ``kind`` it is a resistor.
+            Edges need values in SI units: ``conductance`` or ``resistance`` (resistor), ``volts`` (voltage source),
+            ``amps`` (current source), ``capacitance`` (capacitor), ``current`` and ``voltage`` (nonlinear resistor).  A
+            directed graph must not have resistors in both directions between two nodes.
         ground : hashable
             The graph node that becomes node 0; it is added if the graph does not contain it.
 
@@ -299,9 +308,10 @@ def add_elements(
     """Return a netlist with n appended elements of one kind, and without element names.
 
     `kind`: kind of the elements, such as ``"resistor"``; `nodes` (n, 2): nodes of the elements; `values`, each (n,) or
-    (): the kind's values in the order of `ARRAYS`, such as conductance, tc1 and tc2 of resistors; missing ones are 0;
-    `face`, `upward`, each (n,) or (): faces that the elements cross, -1 for none, and whether the first node is on the
-    lower side, for the cell map.
+    (): values of the elements in SI units.  Their order is conductance, tc1, tc2 for resistors, current and voltage for
+    nonlinear resistors; other kinds have one value.  Missing values are 0; tc1 and tc2 are ignored if the netlist has
+    none.  `face`, `upward`, each (n,) or (): for the cell map, number of the cell face that every element crosses, -1
+    for none, and whether the first node of the element is on the lower side of this face.
     """
     _require_no_lattice(netlist)
     pairs, *names = ARRAYS[kind]
@@ -323,9 +333,11 @@ def add_elements(
 
 
 def crossed_by(netlist: Netlist, kind: str, which: NDArray[np.bool_] | slice = slice(None)) -> dict[str, NDArray[Any]]:
-    """Return faces and directions of elements as keywords ``face``, ``upward`` of `add_elements`; empty without cells.
+    """Return a dictionary with the cell faces that some resistors cross; empty for a netlist without a cell map.
 
-    `kind`: ``"resistor"`` or ``"nonlinear resistor"``; `which`: mask or slice of the elements.
+    Keys, which are keywords of `add_elements`: ``"face"``, number of the face that every resistor crosses, -1 for none;
+    ``"upward"``, whether the first node of the resistor is on the lower side of the face.  `kind`: ``"resistor"`` or
+    ``"nonlinear resistor"``; `which`: mask or slice of the resistors of this kind, by default all.
     """
     if netlist.cell_map is None:
         return {}

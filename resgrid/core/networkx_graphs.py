@@ -1,4 +1,4 @@
-"""Conversion between netlists and networkx graphs (without cells), and checks of the fields of netlists."""
+"""Conversion between netlists and networkx graphs, which lose the map to cells, and checks of fields of netlists."""
 
 from __future__ import annotations
 
@@ -118,7 +118,12 @@ def column_of(name: str, value: ArrayLike, width: int, dtype: Any) -> NDArray[An
 
 
 def graph_of(netlist: Any) -> nx.MultiGraph[int]:
-    """Return a netlist as a networkx multigraph; `Netlist.to_networkx` documents the attributes of nodes and edges."""
+    """Return a netlist as a networkx multigraph: one node per node number, one edge per element.
+
+    Graph nodes have the attribute ``name``.  Edges have ``kind``, such as ``"resistor"``, the ordered pair ``nodes``,
+    ``number`` (index of the element within its kind), ``name`` if the elements have names, and values in SI units, such
+    as ``conductance``.
+    """
     import networkx as nx
 
     graph: nx.MultiGraph[int] = nx.MultiGraph()
@@ -184,10 +189,10 @@ def fields_of(graph: nx.Graph[Any], ground: object) -> dict[str, Any]:
 
 
 def _node_names(graph: nx.Graph[Any], order: list[Any]) -> tuple[str, ...]:
-    """Return a unique name for every graph node of `order`, whose first entry is ground.
+    """Return a unique name for every graph node: its attribute ``name``, or else the node as a string.
 
-    Ground without a name is ``0``, or ``ground`` if another node is called ``0``.  `graph`: the graph; `order`: its
-    nodes in the order of the node numbers.
+    Ground without a name is ``0``, or ``ground`` if another node is called ``0``.  A duplicate name gets a suffix, such
+    as ``a_2``.  `graph`: the graph; `order`: nodes of the graph in the order of the node numbers, ground first.
     """
     ground, others = order[0], order[1:]
     wanted = [str(graph.nodes[node].get("name", node)) for node in others]
@@ -242,8 +247,9 @@ def _ends(edge: Edge, kind: str) -> tuple[Hashable, Hashable]:
 
 
 def _value(edge: Edge, key: str) -> float:
-    """Return one value of an element in SI units; raise InputError if it is missing or not admissible.
+    """Return one value of an element in SI units; raise InputError if the value is missing or not admissible.
 
+    A missing ``tc1`` or ``tc2`` is 0, and a missing ``conductance`` is the inverse of the attribute ``resistance``.
     `edge`: first node, second node, and attributes of the element by name; `key`: name of the attribute with the value,
     such as ``"conductance"``.
     """

@@ -24,7 +24,7 @@ MISMATCH, DEFECTS, OFFSET, NOISE = 1, 2, 3, 4
 
 
 def site_count(netlist: Netlist) -> int:
-    """Return the number of sites of a netlist: its faces, and with a leak also its cells.
+    """Return the number of sites of a netlist: the faces of its grid of cells, and with a leak also the cells.
 
     For a netlist without a map of cells, return the number of resistors, nonlinear ones included.
     """
@@ -78,8 +78,10 @@ def end_names(netlist: Netlist, resistors: NDArray[np.int64]) -> list[list[str]]
 def scale_resistances(netlist: Netlist, factor: NDArray[np.float64]) -> Netlist:
     """Return the netlist with every resistance of the grid multiplied by the factor of its site.
 
-    `factor` (sites,): factor of every face of the grid, then, with a leak, of the leak of every cell.  Switches, rail
-    segments and loads of the read-out have no site and stay unchanged.
+    Conductances, and the saturation currents of nonlinear resistors, are divided by the factor.  `factor` (sites,):
+    factor of every face of the grid, then, with a leak, of the leak of every cell; in a netlist without cells, factor
+    of every resistor, linear ones first.  Switches, rail segments and loads of the read-out have no site and stay
+    unchanged.
     """
     linear, nonlinear = resistor_sites(netlist)
     padded = np.append(factor, 1.0)  # for site -1
@@ -119,7 +121,7 @@ def generator(seed: Seed, stream: int) -> np.random.Generator:
 def mismatch_factors(count: int, deviation: float | NDArray[np.float64], seed: Seed) -> NDArray[np.float64]:
     """Return random factors of the resistances of one chip, (count,): log-normal with mean 1.
 
-    `count`: number of sites; `deviation` () or (sites,): standard deviation of a factor; `seed`: seed of the chip.  A
+    `count`: number of sites; `deviation` () or (count,): standard deviation of a factor; `seed`: seed of the chip.  A
     factor is ``exp(s z - s^2 / 2)``, with a standard normal ``z`` and ``s^2 = log(1 + deviation^2)``.
     """
     log_variance = np.log1p(np.square(deviation))

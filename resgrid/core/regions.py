@@ -1,4 +1,4 @@
-"""Connected components of graphs and cells, and views of arrays over cells or faces along one axis."""
+"""Connected components of graphs and cells, numbers of cell faces, and parts of arrays over cells or faces."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from scipy import sparse
 
 _SMALL = 5000
-"""Number of cells up to which regions are labelled in Python rather than with the slow import of scipy.ndimage."""
+"""Largest number of cells for which regions are labelled in Python, to avoid the slow import of scipy.ndimage."""
 
 
 def label_components(
@@ -116,8 +116,8 @@ def _across_seam(labels: NDArray[np.int32], axis: int, rings: NDArray[np.bool_],
     """Return the labels of all pairs of cells that touch across the seam of a periodic axis, shape (2, n).
 
     Row 0 has the labels of the cells at the lower end of the axis, row 1 those at the upper end.  `labels`: component
-    of every cell, 0 without one; `axis`: index of the periodic axis; `rings` (ndim,): whether axes are periodic;
-    `corners`: whether cells that share only an edge or a corner touch, too.
+    of every cell, 0 for cells in no component; `axis`: index of the periodic axis; `rings` (ndim,): whether axes are
+    periodic; `corners`: whether cells that share only an edge or a corner touch, too.
     """
     first, last = labels.take(0, axis), labels.take(-1, axis)
     if not corners or labels.ndim == 1:
@@ -161,8 +161,8 @@ def with_margin(
 def cells_at_faces(wide: NDArray[Any], axis: int) -> tuple[NDArray[Any], NDArray[Any]]:
     """Return the values of the cells below and above every face perpendicular to an axis, as views of `wide`.
 
-    Both have the shape `face_shape` of the grid without the margin.  `wide`: one value per cell, with a margin of one
-    cell on every side.
+    Below is the cell with the lower index.  Both views have one entry per face: the shape of the grid without the
+    margin, plus one along the axis.  `wide`: one value per cell, with a margin of one cell on every side.
     """
     inside = [slice(1, -1)] * wide.ndim
     ends = [(*inside[:axis], part, *inside[axis + 1 :]) for part in (slice(0, -1), slice(1, None))]
@@ -170,9 +170,9 @@ def cells_at_faces(wide: NDArray[Any], axis: int) -> tuple[NDArray[Any], NDArray
 
 
 def sides_of_cells(faces: NDArray[Any], axis: int) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return the values of the lower and the upper face of every cell across an axis, as views of shape of the grid.
+    """Return the values of the lower and of the upper face of every cell along an axis, as views, shape of the grid.
 
-    `faces`: one value per face perpendicular to the axis, in an array of shape `face_shape`.
+    `faces`: one value per face perpendicular to the axis: shape of the grid, plus one along the axis.
     """
     along = np.moveaxis(faces, axis, 0)
     return np.moveaxis(along[:-1], 0, axis), np.moveaxis(along[1:], 0, axis)
@@ -192,7 +192,7 @@ def face_counts(shape: tuple[int, ...]) -> tuple[int, ...]:
 
 
 def by_axis(faces: NDArray[Any], shape: tuple[int, ...]) -> tuple[NDArray[Any], ...]:
-    """Return one view per axis, of shape `face_shape`, of a flat array of face values.
+    """Return one view per axis of a flat array of face values, in the shape of the grid plus one along this axis.
 
     `faces` (faces,): values of the faces perpendicular to the first axis, then to the second, and so on; `shape`:
     number of cells along every axis.
@@ -206,8 +206,8 @@ def crossed_faces(
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the axis perpendicular to each face, (n,), and the face's index among the faces of that axis, (n, ndim).
 
-    `face` (n,): face numbers, counted axis by axis, -1 for none, which gets the axis -1 and the index 0; `shape`:
-    number of cells along every axis.
+    `face` (n,): face numbers, counted axis by axis in C order; a negative number, for no face, gets the axis -1 and the
+    index 0; `shape`: number of cells along every axis.
     """
     starts = np.cumsum([0, *face_counts(shape)])
     across = np.searchsorted(starts, face, side="right") - 1

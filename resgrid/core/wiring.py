@@ -28,6 +28,10 @@ _LEAST_SIEMENS = float(np.finfo(np.float64).tiny)
 class WiringOptions(TypedDict, total=False):
     """Keyword arguments of functions that take a `Wiring` or its fields; type checkers reject misspelt names.
 
+    Keys, all optional: ``boundary``, ``drive``, ``edge``, ``rails``, ``resistance`` and ``wall_resistance`` (ohm),
+    ``supply`` and ``goal_voltage`` (V), ``start`` (cell), ``leak`` (1 / axis unit^2) and ``lattice``, with the meanings
+    of the fields of `Wiring`.  None, like a missing key, leaves a field at its default or at its value in the wiring.
+
     Examples
     --------
     >>> options: rg.WiringOptions = {"boundary": "neumann", "edge": "open"}
@@ -189,7 +193,7 @@ class Wiring:
 
     @property
     def high(self) -> float:
-        """Voltage of the high (obstacle) rail, in volts."""
+        """Voltage of the high (obstacle) rail, or of the driven start, relative to ground, in volts."""
         return self.goal_voltage + self.supply
 
     def leak_conductance(self, spacing: NDArray[np.float64]) -> float:
@@ -274,7 +278,9 @@ class Wiring:
         return replace(self, edge=self.edges(space))
 
     def opened(self) -> Wiring:
-        """Return a copy of the wiring with open obstacles, driven uniformly or by the leak, for a blend's Neumann part.
+        """Return a copy of the wiring with open obstacles, for the Neumann field of a blend.
+
+        The circuit of the copy is driven by its leak if it has one, and uniformly otherwise.
 
         Returns
         -------

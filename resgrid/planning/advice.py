@@ -27,7 +27,7 @@ _MOST_CELLS = 2**24
 _MOST_CELLS_OF_BODIES = 2**17
 """Maximum number of cells of a space in which a remedy is tried, for robots other than points and discs.
 
-These need more time per cell.
+Such robots need more time per cell.
 """
 
 Change = Callable[[], Scene]
@@ -91,7 +91,8 @@ class Advisor:
     def _finer_maps(self, path: Streamline | NodePath) -> Iterator[str]:
         """Yield a phrase for the first finer division of the map that opens a path from the start of `path`.
 
-        Divisions: half the value of `coarsen`, then 1; without `coarsen`, twice and four times the value of `refine`.
+        Divisions: half the value of the map's key ``coarsen``, then 1; without ``coarsen``, and only for a robot with a
+        size, twice and four times the value of the key ``refine``.
         """
         assert self.scene.map is not None
         table = self.scene.map.table
@@ -125,7 +126,10 @@ class Advisor:
 
 
 def _places_of_goal_cells(scene: Scene) -> str:
-    """Return text with the centres of goals that are cells, whose indices change with the number of cells."""
+    """Return a phrase with the centres, in world coordinates, of the goals that a scene gives as cells; else ``""``.
+
+    With another number of cells, the indices of these goal cells are no longer valid, but their centres are.
+    """
     cells = [goal.cell for goal in scene.goals if isinstance(goal, GoalCell)]
     if not cells:
         return ""
@@ -134,7 +138,7 @@ def _places_of_goal_cells(scene: Scene) -> str:
 
 
 def _finer(scene: Scene) -> Scene:
-    """Return a scene with twice as many cells on each axis and the goals at the same configurations."""
+    """Return a scene with twice as many cells on each axis; a goal given as a cell becomes a goal at its centre."""
     axes = tuple(dataclasses.replace(axis, cells=2 * axis.cells) for axis in scene.axes)
     goals: list[Goal] = []
     for goal in scene.goals:

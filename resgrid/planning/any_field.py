@@ -23,11 +23,11 @@ AnyField = Field | LatticeField
 """Field of the lattice "square", or of another lattice."""
 
 FieldPath = Streamline | NodePath
-"""Path along the currents of a field."""
+"""Path along the currents of a field: a `Streamline` on the lattice "square", a `NodePath` on other lattices."""
 
 
 def field_of(op: OperatingPoint) -> AnyField:
-    """Return the field of an operating point, of cells or of a lattice."""
+    """Return the field of an operating point: a `Field`, or a `LatticeField` for a lattice other than "square"."""
     return fields.field(op) if op.netlist.lattice_map is None else lattice_field(op)
 
 
@@ -69,7 +69,10 @@ def paths_of(field: AnyField, starts: ArrayLike) -> list[FieldPath]:
 
 
 def ends_of(field: AnyField, starts: ArrayLike) -> Traces:
-    """Return outcomes, goals and measures of the paths of a field from starts (n, ndim) in world coordinates."""
+    """Return outcomes, goals, lengths, durations and step counts of the paths of a field from starts (n, ndim).
+
+    The starts are in world coordinates.  Durations are NaN for a lattice other than "square".
+    """
     points = start_points(field.space, starts)
     return follow_many_nodes(field, points) if isinstance(field, LatticeField) else follow_many(field, points)
 

@@ -156,8 +156,8 @@ class SceneSeparation:
         ``"mask[0]"`` (a keep-out mask), ``"unknown"`` (unknown space), ``"singularity"`` (virtual obstacles),
         ``"robot"`` (self-collision).  Empty if a path exists.
     separating : tuple of str
-        Names of a smallest set of parts whose removal opens a path.  Empty if a path exists, or if no set of the
-        permitted size opens one.
+        Names of a smallest set of parts whose removal opens a path.  Empty if a path exists, or if no set of at most
+        `most` parts (an argument of `find_blocking_obstacles`) opens a path.
     alone : tuple of str
         Names of all parts whose removal opens a path without the removal of another part.
     mask : ndarray of bool, shape of the space

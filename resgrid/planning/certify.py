@@ -273,7 +273,8 @@ def _exit_times(x: Floats, enter: Floats, leave: Floats, slack: Floats) -> tuple
     """Return the least and the largest time (steps,) from positions within `slack` of `x` to the face at 1, and a mask.
 
     The velocity is linear from `enter` at 0 to ``leave > 0`` at 1.  The mask (steps,) is False where the velocity may
-    be zero or negative at such a position.  `x` (steps,): positions in [0, 1] along the crossed axis.
+    be zero or negative at a position within `slack` of `x`.  All arguments have the shape (steps,): `x`, positions in
+    [0, 1] along the crossed axis, and `slack`, in cell widths; `enter`, `leave`, velocities in cell widths per time.
     """
     before, after = np.maximum(x - slack, 0.0), np.minimum(x + slack, 1.0)
     slowest, fastest = (enter * (1.0 - at) + leave * at for at in (before, after))
@@ -327,7 +328,8 @@ def _advance(x: Floats, lower: Floats, upper: Floats, time: Floats) -> Floats:
 def _check_duration(path: Streamline, log_shortest: Floats, log_longest: Floats) -> None:
     """Raise CertificateError unless the duration of a path lies between the sums of the shortest and longest times.
 
-    `log_shortest`, `log_longest` (steps,): natural logarithms of the times in the visited cells.
+    `log_shortest`, `log_longest` (steps,): natural logarithms of the times in the visited cells, for velocities in cell
+    widths per time that equal the face currents; a duration is a sum of times, times the square of the smallest width.
     """
     unit = 2.0 * np.log(path.space.spacing.min())
     low, high = (float(np.logaddexp.reduce(logs, initial=-np.inf) + unit) for logs in (log_shortest, log_longest))

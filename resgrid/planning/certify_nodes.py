@@ -1,8 +1,8 @@
 """Certificate of paths from node to node, without the code that compiles lattices and follows currents.
 
-The certificate reads from the lattice only the points of sites and the displacements of steps.  Which segments are
-clear is decided from the closed boxes of the cells, and order and outcome from the potential, the currents and the
-cells of the space.
+The certificate reads from the lattice only the points of sites and the displacements and weights of steps.  The closed
+boxes of the cells decide which segments are clear.  The potential, the currents and the cells of the space decide the
+order of the sites and the outcome.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ def certify_nodes(path: NodePath) -> None:
     - It begins at the start, in a free or goal cell, and a straight line within this cell leads to its first site.
     - Consecutive sites are neighbours: their displacement is a step of the lattice.
     - No segment between sites touches an obstacle cell (closed, so that no corner is cut) or leaves the grid.
-    - Along every step flows the largest outward current of the site, or the current of the largest density
-      (`LatticeField.read_out`), and the potential does not rise: two potentials may round to one double, but the
-      direction of the current is known.
+    - Along every step flows the largest outward current of the site, or the current with the largest density (current
+      over weight and length of the step), as `LatticeField.read_out` states.  The potential does not rise: two
+      potentials may round to one double, but the direction of the current is known.
     - All sites are distinct, all but the last lie in free cells, and the last one in the stated goal region.
     - Length and clearance agree with the polyline.
 
@@ -193,10 +193,11 @@ def _touches(start: Floats, end: Floats, cell: Integers, rim: Floats) -> NDArray
 
 
 def _check_currents(path: NodePath, step: Integers, sense: Integers) -> None:
-    """Raise CertificateError unless the largest current, or density, of its site flows along every step of a path.
+    """Raise CertificateError unless every step of a path follows the largest outward current, or density, of its site.
 
-    The potential must also not rise, except in a blend.  `step`, `sense` (steps,): index of the lattice's step between
-    consecutive sites, and its sense: 1 for the step, -1 for its negative.
+    A density is the current over weight and length of the step.  The potential must also not rise, except in a blend.
+    `step`, `sense` (steps,): index of the lattice's step between consecutive sites, and the sense: 1 for the step, -1
+    for its negative.
     """
     field = path.field
     flat = np.ravel_multi_index(tuple(path.nodes.T), field.lattice.shape)

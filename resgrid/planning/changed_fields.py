@@ -25,9 +25,9 @@ if TYPE_CHECKING:
     from resgrid.planning.replanning_kernels import Values
 
 _LEAST_COMPLEMENT = 1e-3
-"""Smallest height, as a fraction of the supply, that is computed as one minus the drop.
+"""Smallest height above the goal rail, as a fraction of the supply, that is computed as one minus the drop.
 
-If any height is smaller, the difference would cancel, and all heights are solutions of a second system.
+If the height of any cell is smaller, the difference would cancel, and all heights are solutions of a second system.
 """
 
 _MOST_CELLS = 500_000
@@ -73,10 +73,11 @@ class KeptCircuit:
         self._elimination = PlaneElimination((nx, ny))
 
     def field(self, space: ConfigurationSpace, wiring: Wiring) -> tuple[Field, float]:
-        """Return the field of a space, and the fraction of the nodes of the elimination tree that were eliminated.
+        """Return the field of a space, and the fraction of the nodes of the elimination tree that this call eliminates.
 
-        `space`: space of this object's shape, in whose circuit current flows; `wiring`: rules of the circuit.  Raise
-        NotSolvedError if the field is not direction-safe.
+        Nodes far from cells that changed since the last call keep their equations.  `space`: space of this object's
+        shape, in whose circuit current flows; `wiring`: rules of the circuit.  Raise NotSolvedError if the field is not
+        direction-safe.
         """
         from resgrid.planning.replanning_kernels import split_contacts, write_heights, write_values
 
@@ -110,8 +111,8 @@ class KeptCircuit:
     def _driven(self, own: Bools) -> tuple[Floats, float]:
         """Return heights above the goal rail as fractions of the largest height, and the current injected per cell.
 
-        `own` (nx, ny): mask of the cells with an equation, each of which gets the same current.  The current is in
-        units of supply / resistance, scaled like the heights: with it, the largest height is the supply.
+        `own` (nx, ny): mask of the cells with an equation; the same current is injected into each of them.  The current
+        is the one for which the largest height equals the supply, in units of supply / resistance.
         """
         height = unscaled(*self._elimination.solve(own.astype(np.float64)))
         top = float(height.max(initial=0.0))
@@ -122,9 +123,9 @@ class KeptCircuit:
     def _between(self, own: Bools, low: Floats, high: Floats) -> tuple[Numbers, Numbers]:
         """Return drops from the high rail and heights above the low rail, as fractions of the supply.
 
-        Each is a pair of mantissas and exponents (nx, ny).  The heights are solutions of a second system if ``1 -
-        drop`` would cancel in some cell.  `own` (nx, ny): mask of the cells with an equation; `low`, `high` (nx, ny):
-        conductances to the low and the high rail, in units of 1 / resistance.
+        Each is a pair of mantissas and exponents (nx, ny) of numbers ``mantissa * 2**(256 exponent)``.  The heights are
+        solutions of a second system if ``1 - drop`` would cancel in some cell.  `own` (nx, ny): mask of the cells with
+        an equation; `low`, `high` (nx, ny): conductances to the low and the high rail, in units of 1 / resistance.
         """
         drop = self._elimination.solve(low)
         if not drop[0].min(where=own, initial=np.inf) > 0.0:
@@ -136,7 +137,10 @@ class KeptCircuit:
 
 
 def _empty_values(shape: tuple[int, ...]) -> Values:
-    """Return uninitialized `Values` of a plane, with a margin of one cell; `shape`: number of cells along each axis."""
+    """Return uninitialized `Values` (mantissa and exponent of the drop or height of every cell) of a plane.
+
+    The arrays have a margin of one cell on every side.  `shape`: number of cells along each axis.
+    """
     from resgrid.planning.replanning_kernels import Values
 
     wide = tuple(size + 2 for size in shape)
@@ -153,10 +157,12 @@ def _safe_currents(
 ) -> tuple[NDArray[np.int8], Floats]:
     """Return signs and natural logarithms of all face currents, in units of supply / resistance, (faces,) each.
 
-    `contacts`: contacts of the plane; `values`: drop or height of every cell; `resistance`: resistance between
-    neighbours, in ohms; `source`: current into every cell from a source, in units of supply / resistance, and
-    conductance of its leak to the high rail, in units of 1 / resistance.  Raise NotSolvedError if the field is not
-    direction-safe.
+    Currents are positive along the axis.  Faces are in C order, first those across the first axis, then those across
+    the second one.  `contacts`: conductances of all faces, in siemens; `values`: drop or height of every cell, as a
+    fraction of the supply or, with a uniform drive, of the largest height; `resistance`: resistance between neighbours,
+    in ohms, by which conductances are multiplied; `source`: current into every cell from a source, in units of supply /
+    resistance, and conductance of the leak of every cell to the high rail, in units of 1 / resistance.  Raise
+    NotSolvedError if the field is not direction-safe.
     """
     from resgrid.planning import replanning_kernels as kernels
 

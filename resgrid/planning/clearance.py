@@ -1,4 +1,4 @@
-"""Clearance: the smallest distance from a polyline to obstacle cells."""
+"""Clearance, the smallest distance from a polyline to obstacle cells; bounds of this distance; crossings of faces."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from resgrid.core.cell import Cell
 from resgrid.core.space import ConfigurationSpace
 
 _FEW_PAIRS = 300_000
-"""Maximum number of pairs (cell, obstacle cell) whose distances are all computed; beyond, a distance transform is used.
+"""Maximum number of pairs (cell, obstacle cell) whose distances are all computed.
 
-For few pairs this is faster than the import of scipy.
+For more pairs, a compiled kernel or a distance transform of scipy is used; for few pairs their import takes longer.
 """
 
 
@@ -48,11 +48,12 @@ def segment_clearance(
 ) -> float:
     """Return the smallest distance from n segments within cells to an obstacle cell, or to an edge that acts as one.
 
-    `home` (n, ndim): cell of each segment; `starts, ends` (n, ndim): end points relative to the cell's lower corner, in
-    cell widths; `edge`: rule of the grid's edge per axis, ``"obstacle"``, ``"open"`` or ``"periodic"``; `reach`:
-    distance up to which obstacle cells are searched, one number or one per cell in the shape of the space, None without
-    obstacle cells; `blocked` (cells,): mask of obstacle cells in C order, computed if None.  The result is in axis
-    units; it is infinite if there is no obstacle cell within `reach`, and no edge that acts as an obstacle.
+    The segments are those of a polyline: each starts where the one before ends.  `home` (n, ndim): cell of each
+    segment; `starts, ends` (n, ndim): end points relative to the cell's lower corner, in cell widths; `edge`: rule of
+    the grid's edge per axis, ``"obstacle"``, ``"open"`` or ``"periodic"``; `reach`: distance up to which obstacle cells
+    are searched, in axis units, one number or one per cell in the shape of the space, None without obstacle cells;
+    `blocked` (cells,): mask of obstacle cells in C order, computed if None.  The result is in axis units; it is
+    infinite if there is no obstacle cell within `reach`, and no edge that acts as an obstacle.
     """
     from resgrid.planning import kernels
 

@@ -29,7 +29,8 @@ def escape_leg(
     The robot's centre crosses no obstacle on the line; None if the centre lies in an obstacle, or if no such line is
     among the `_MOST_TRIALS` shortest lines.  The inflated zone consists of the cells in which the robot, but not its
     centre, touches an obstacle.  `space`: space of the scene without goals; `start` (ndim,): in world coordinates;
-    `targets`: mask of free cells, shape of the space.  Raise InputError for robots without radius.
+    `targets`: mask of the free cells in which the line may end, shape of the space.  Raise InputError for robots
+    without radius.
     """
     if not isinstance(scene.robot, PointRobot) or not scene.robot.radius:
         raise InputError("escape applies to discs and balls, which have a radius; other robots have no inflated zone")

@@ -1,4 +1,4 @@
-"""Messages about paths that reach no goal: reasons and remedies that follow from the space alone."""
+"""Messages about paths that reach no goal: reasons and remedies that follow from the space and the wiring."""
 
 from __future__ import annotations
 
@@ -61,8 +61,8 @@ def no_current_reason(
 ) -> str:
     """Return the reason why no current leaves the last cell of a path, and a remedy, as a message.
 
-    `wiring`: wiring of the field; `cell`: last cell of the path; `flows` (shape of the space): free cells from every
-    point of which a path follows the current.
+    `wiring`: wiring of the field; `cell`: last cell of the path; `flows` (shape of the space): mask of the free cells
+    that current leaves, one of which the message suggests as a start.
     """
     if wiring.start is not None:
         reason = _OFF_ROUTE.format(start=tuple(wiring.start), cell=cell)
@@ -81,9 +81,10 @@ def no_current_reason(
 
 
 def undecided_reason(outcome: str, space: ConfigurationSpace, cell: tuple[int, ...]) -> str | None:
-    """Return the reason of a failure, and a remedy, if cells without a proof cause the failure; otherwise None.
+    """Return the reason of a failure, and a remedy, if undecided cells cause the failure; otherwise None.
 
-    `outcome`: value of `Outcome`; `cell`: start cell of the path.
+    An undecided cell is an obstacle only because neither freedom nor a collision was proven.  `outcome`: value of
+    `Outcome`; `cell`: start cell of the path.
     """
     if space.undecided is None:
         return None

@@ -39,8 +39,8 @@ class Field:
     wiring : Wiring
         Wiring of the solved circuit; for a blend, wiring of the circuit of k = 1.
     potential : ndarray of float64, shape of the space
-        ``phi``: 1 on obstacles, 0 on goals; NaN in a cell without a node.  With a uniform drive, the height above the
-        goal rail, scaled to a maximum of 1.
+        ``phi``: 1 on obstacles that are connected to a rail, 0 on goals; NaN in a cell without a node, such as an open
+        obstacle.  With a uniform drive, the height above the goal rail, scaled to a maximum of 1.
     log_drop : ndarray of float64, shape of the space, or None
         Natural logarithm of the drop ``u = 1 - phi``, with an error of about 1e-8 (``OperatingPoint.entry_error``) even
         where ``phi`` rounds to 1; -inf in cells without a path to a goal, NaN in a cell without a node.  None if the
@@ -146,7 +146,7 @@ class Field:
         Returns
         -------
         gradient : ndarray of float64, shape (n, ndim)
-            Gradient times ``c h_ref**2``, divided by the scale of its cell.
+            Gradient times ``c h_ref**2``, divided by the scale of the point's cell.
         log_scale : ndarray of float64, shape (n,)
             Natural logarithm of the scale, the largest current through a face of the cell; 0 without current.
         """
@@ -183,7 +183,7 @@ class Field:
 
 
 def _stop_codes(space: ConfigurationSpace, safe: NDArray[np.bool_] | None) -> NDArray[np.uint8]:
-    """Return `Cell` codes (cells,), `GOAL` where tracing stops: goals and outside of the mask `safe` (None: goals)."""
+    """Return `Cell` codes (cells,), with `GOAL`, where tracing stops, also in free cells outside the mask `safe`."""
     if safe is None:
         return space.cell.ravel()
     return np.where((space.cell == Cell.FREE) & ~safe, np.uint8(Cell.GOAL), space.cell).ravel()

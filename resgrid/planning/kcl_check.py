@@ -71,9 +71,10 @@ def leak_currents(
 ) -> tuple[NDArray[np.float64] | float, NDArray[np.float64] | float]:
     """Return the currents of leaks into the cells, and the conductance times the absolute voltages at both ends.
 
-    Both results have the shape of `volts`, or are 0 without a leak.  Currents are positive from the obstacle rail into
-    the cell.  `leak`: conductance of the leak of one cell, in siemens; `wiring`: gives the rail voltages; `volts`:
-    voltage of every cell, NaN without a node.
+    Both results are in amperes and have the shape of `volts`, or are 0 without a leak.  With a positive supply,
+    currents are positive from the obstacle rail into the cell, with a negative supply in the opposite direction.
+    `leak`: conductance of the leak of one cell, in siemens; `wiring`: gives the rail voltages; `volts`: voltage of
+    every cell, in volts, NaN without a node.
     """
     if not leak:
         return 0.0, 0.0
@@ -92,11 +93,12 @@ def obeys_kcl(
 ) -> NDArray[np.bool_]:
     """Return the mask of cells of a box that obey KCL to 1e-6 of their through-current and have an outgoing current.
 
-    `conductance`, `currents`: conductances and currents of the faces, one array per axis; `value`: voltages of the
-    cells and of a margin of one cell on each side; `injected`: current of sources and leaks into the cells, one number
-    or one per cell; `held`: mask of cells tied to voltage sources, whose net current need not be 0, shape of the box;
-    `uncertain`: for leaks, the conductance times the sum of the absolute voltages at both ends, which bounds their
-    rounding error.
+    The through-current is half the sum of the magnitudes of the currents of a cell.  Units are consistent, such as V,
+    S and A.  `conductance`, `currents`: conductances and currents of the faces, one array per axis, currents positive
+    along the axis; `value`: voltages of the cells and of a margin of one cell on each side; `injected`: current of
+    sources and leaks into the cells, one number or one per cell; `held`: mask of cells tied to voltage sources, whose
+    net current need not be 0, shape of the box; `uncertain`: for leaks, the conductance times the sum of the absolute
+    voltages at both ends, which bounds the rounding error of the leak currents.
     """
     shape = sides_of_cells(currents[0], 0)[0].shape
     net, total, rounding = (np.full(shape, start) for start in (injected, np.abs(injected), uncertain))

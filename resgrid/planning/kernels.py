@@ -67,7 +67,7 @@ def _face(flow: Flow, cell: Integers, axis: int) -> int:
 
 @inlined
 def face_velocities(flow: Flow, cell: Integers, lower: Floats, upper: Floats) -> float:
-    """Write a cell's face currents over their largest magnitude to `lower, upper`; return its ln, -inf without any."""
+    """Write a cell's face currents over the largest magnitude m to `lower, upper` (ndim,); return ln m, -inf for 0."""
     scale = -np.inf
     for axis in range(len(cell)):
         face = _face(flow, cell, axis)
@@ -266,7 +266,7 @@ def trace_many(
 
 @inner
 def segment_to_box(start: Floats, end: Floats, lower: Floats, upper: Floats) -> float:
-    """Return the distance from the segment `start` to `end` to the box with corners `lower, upper`, by bisection."""
+    """Return the distance from a segment `start, end` to a box `lower, upper` (corners, (ndim,)), by bisection."""
     a, b = 0.0, 1.0
     for _ in range(54):
         t = 0.5 * (a + b)
@@ -351,8 +351,8 @@ def segment_is_free(
 
     ``start, end`` (ndim,): in cell units, continuous across seams; ``free`` (cells,): mask in C order; ``shape``,
     ``periodic`` (ndim,): number of cells, and whether the axis is periodic; ``rim``: margin, in cell units, by which
-    cells are enlarged.  Cells outside the grid are not free.  In each slab of cells along the segment's longest
-    component, every cell in the bounding box of the segment's part is tested: the set of cells is exact.
+    cells are enlarged.  Cells outside the grid are not free.  In each layer of cells across the axis of the segment's
+    longest component, every cell in the bounding box of the segment's part is tested: the set of cells is exact.
     """
     ndim = len(shape)
     major = 0

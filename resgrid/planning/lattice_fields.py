@@ -23,7 +23,7 @@ from resgrid.planning.clearance import obstacle_reach
 ReadOut = Literal["density", "current"]
 
 SAME_CURRENT = 1e-9
-"""Difference of the natural logarithms of two currents or current densities below which they count as equal.
+"""Largest difference of the natural logarithms of two currents, or current densities, that count as equal.
 
 Of several steps with the largest current, a path then takes the first one in the order of the lattice.  Rounding errors
 of symmetric currents therefore do not change a path.
@@ -42,8 +42,8 @@ class LatticeField:
     wiring : Wiring
         Wiring of the solved circuit; for a blend, wiring of the circuit of k = 1.
     potential : ndarray of float64, shape of the lattice
-        ``phi`` at every site: 1 in obstacles, 0 in goals; NaN at a site without a node.  With a uniform drive, the
-        height above the goal rail, scaled to a maximum of 1.
+        ``phi`` at every site: 1 in obstacles that are connected to a rail, 0 in goals; NaN at a site without a node,
+        such as in an open obstacle.  With a uniform drive, the height above the goal rail, scaled to a maximum of 1.
     log_drop : ndarray of float64, shape of the lattice, or None
         Natural logarithm of the drop ``u = 1 - phi``, accurate even where ``phi`` rounds to 1; -inf at sites without a
         path to a goal, NaN without a node.  None if the circuit has no high rail (uniform drive), and for blends.
@@ -180,8 +180,9 @@ class LatticeField:
     def move(self) -> NDArray[np.int8]:
         """Index in `Lattice.directions` of the direction in which a path leaves every site, (sites,).
 
-        It is the direction of the largest current or density (`read_out`), the first of those that are equal to within
-        `SAME_CURRENT`; -1 at sites without outward current.
+        `Lattice.directions` lists step 0, its negative, step 1, its negative, and so on.  The chosen direction has the
+        largest current or density (`read_out`); of several that are equal to within `SAME_CURRENT`, it is the first.
+        The index is -1 at sites without outward current.
         """
         largest = self.largest_rating
         move = np.full(self.lattice.size, -1, dtype=np.int8)

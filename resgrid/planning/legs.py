@@ -69,7 +69,7 @@ class LegPath:
     Attributes
     ----------
     legs : tuple of Leg
-        The legs that exist; without a path from the start, none.
+        The legs that were found; empty if no path leads from the start.
     outcome : Outcome
         ``reached`` if the last leg ends in a goal of the scene, otherwise the reason why no leg leads to a goal.  A
         path to the nearest reachable place keeps this reason.
@@ -85,7 +85,7 @@ class LegPath:
     points : ndarray of float64, shape (n, ndim)
         Points of all legs in world coordinates, continuous across periodic seams; only the start if there is no leg.
     certified : bool
-        Whether all legs are certified.
+        Whether the robot is proven to touch no obstacle on any leg; True if there is no leg.
     length : float
         Length of all legs in axis units.
 
@@ -131,7 +131,7 @@ class LegPath:
 
     @property
     def certified(self) -> bool:
-        """Whether all legs are certified."""
+        """Whether the robot is proven to touch no obstacle on any leg; True if there is no leg."""
         return all(leg.certified for leg in self.legs)
 
     @property
@@ -157,7 +157,7 @@ def plan_legs(
 ) -> LegPath:
     """Plan a path through intermediate poses, out of the inflated zone, or as near to a goal as possible.
 
-    Every leg except the one out of the inflated zone is a streamline with a certificate.
+    Every leg except the straight leg out of the inflated zone follows the current of a field and has a certificate.
 
     Parameters
     ----------
@@ -234,7 +234,9 @@ class _Chain:
     """Legs of a path while they are planned.
 
     `scene`, `space`: the scene and its space without goals; `k`: weight of the Dirichlet field, None for the first one
-    of the scene; `at`: end of the last leg, at first the start, in world coordinates.
+    of the scene; `at`: end of the last leg, at first the start, in world coordinates; `start`: start, in world
+    coordinates; `legs`: the legs so far; `outcome`, `reason`: outcome of the last leg that was tried, and the reason
+    why this leg reaches no goal; `distance`: distance of the end from the nearest goal, in axis units, -1 if unknown.
     """
 
     def __init__(self, scene: Scene, space: ConfigurationSpace, k: float | None, at: Point) -> None:
@@ -244,7 +246,7 @@ class _Chain:
         self.outcome, self.reason, self.distance = Outcome.REACHED, "", -1.0
 
     def add(self, leg: Leg) -> None:
-        """Append a leg."""
+        """Append a leg, and set `at` to its end."""
         self.legs.append(leg)
         self.at = tuple(leg.path.points[-1].tolist())
 
@@ -272,8 +274,8 @@ class _Chain:
     def approach(self, goals: NDArray[np.float64]) -> None:
         """Append the leg to the reachable place that is nearest to one of the points `goals` (g, d), in axis units.
 
-        `outcome` and `reason` stay those of the failed leg; `distance` is set to the distance of the place from the
-        goal.
+        `outcome` and `reason` stay those of the failed leg; `distance` is set to the distance of the place from this
+        goal point, in axis units.
         """
         outcome, reason = self.outcome, self.reason
         region = label_regions(self.space.cell != Cell.OBSTACLE, self.space.periodic)
@@ -301,7 +303,10 @@ def _without_goals(scene: Scene) -> MapCells | None:
 
 
 def with_goals(space: ConfigurationSpace, goals: GoalCells) -> ConfigurationSpace:
-    """Return a copy of a space without goals in which the given cells are goals, with the given goal points."""
+    """Return a copy of a space without goals, with goals in the cells of the mask `goals.cells`.
+
+    `goals`: mask of the goal cells, and the goal points of these cells.
+    """
     cell = np.where(goals.cells, np.uint8(Cell.GOAL), space.cell)
     return ConfigurationSpace(
         space.axes, cell, space.conductivity, frame=space.frame, goal_points=goals.points, robot=space.robot,

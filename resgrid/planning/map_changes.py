@@ -21,9 +21,10 @@ from resgrid.scene.maps.occupancies import cells_of_occupancies
 class Change:
     """A change of a map in one of three forms: `grid`, `cells` with `values`, or `occupancy`; the others are None.
 
-    `grid`: code of every cell, the changed space, or the changed map; `cells` (n, ndim), `values` (n,) or (): indices
-    of the changed cells, and their codes; `occupancy` (height, width): occupancies of the cells of the map, as in the
-    ROS message ``nav_msgs/OccupancyGrid``.
+    `grid`: `Cell` code of every cell, the changed space, or the changed map; `cells` (n, ndim), `values` (n,) or ():
+    indices of the changed cells, and the new `Cell` codes of these cells, one each or one for all; `occupancy` (height,
+    width): occupancies of the cells of the map, in percent, -1 if unknown, bottom row first, as in the ROS message
+    ``nav_msgs/OccupancyGrid``.
     """
 
     grid: ArrayLike | ConfigurationSpace | MapCells | None
@@ -37,9 +38,10 @@ class Change:
             raise InputError("update() needs one of grid (the codes of all cells), occupancy, or both cells and values")
 
     def applied(self, space: ConfigurationSpace, scene: Scene | None) -> ConfigurationSpace:
-        """Return the changed space: `grid` if it is a space; `space` itself if no cell changes.
+        """Return the space after the change.
 
-        `scene`: scene of the space, None for a planner of a space.  Raise InputError for invalid values.
+        The result is `grid` itself if `grid` is a space, and `space` itself if no cell changes.  `space`: space before
+        the change; `scene`: scene of this space, None without a scene.  Raise InputError for invalid values.
         """
         if isinstance(self.grid, ConfigurationSpace):
             return self.grid

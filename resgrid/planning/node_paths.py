@@ -40,8 +40,9 @@ class NodePath:
         Points in axis units, continuous across periodic seams: the start, the visited sites (the first one is omitted
         if it is the start), and the configuration in the last cell that solves the goal, if the space defines one.
     nodes : ndarray of int64, shape (m, ndim)
-        Visited sites of the lattice, from a site of the start's cell to a site in a goal cell; empty if the start is
-        blocked or lies in a goal cell.
+        Indices of the visited sites of the lattice, from a site of the start's cell to a site in a goal cell (or, for
+        the outcome ``no_current``, a site without outward current); empty if the start is blocked, has no way to a
+        goal, or lies in a goal cell.
     cells : ndarray of int64, shape (max(m, 1), ndim)
         Cells of the visited sites; the cell of the start if there are none.
     outcome : Outcome
@@ -204,9 +205,9 @@ def follow_nodes(field: LatticeField, point: NDArray[np.float64]) -> NodePath:
 
 
 def follow_many_nodes(field: LatticeField, points: NDArray[np.float64]) -> Traces:
-    """Return outcomes, goals and lengths of the paths from `points` (n, ndim), given in axis units.
+    """Return outcomes, goals, lengths and numbers of steps of the paths from `points` (n, ndim), given in axis units.
 
-    The number of steps is that of the steps between sites; `log_duration` is NaN.
+    Steps lead from site to site; `log_duration` is NaN.
     """
     paths = [follow_nodes(field, point) for point in points]
     reached = np.array([path.outcome is Outcome.REACHED for path in paths], dtype=np.bool_)
@@ -220,7 +221,7 @@ def follow_many_nodes(field: LatticeField, points: NDArray[np.float64]) -> Trace
 
 
 def _flowing_cells(field: LatticeField) -> NDArray[np.bool_]:
-    """Return the free cells all of whose sites have a next site, shape of the space."""
+    """Return the mask of the free cells in which a path can leave every site, shape of the space."""
     flows = np.asarray(field.space.cell == Cell.FREE)
     ends = np.stack(np.unravel_index(np.flatnonzero(field.next_site < 0), field.lattice.shape), axis=1)
     flows[tuple(field.lattice.cells(ends).T)] = False
@@ -240,7 +241,7 @@ def _first_site(field: LatticeField, cell: NDArray[np.int64], point: NDArray[np.
 
 
 def _visited(field: LatticeField, first: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the sites of the path from a site to a goal, or to a site without outward current, (m, ndim).
+    """Return the indices of the sites of the path from a site to a goal, or to one without outward current, (m, ndim).
 
     `first` (ndim,): index of the first site.
     """
@@ -258,7 +259,8 @@ def _line(
 ) -> NDArray[np.float64]:
     """Return the polyline of a path in axis units, continuous across periodic seams, (n, ndim).
 
-    `start` (1, ndim): start; `sites` (m, ndim): visited sites; `goal_cell` (ndim,): reached goal cell, or None.
+    `start` (1, ndim): start, in axis units; `sites` (m, ndim): indices of the visited sites; `goal_cell` (ndim,): index
+    of the reached goal cell, whose goal point is appended if there is one, or None.
     """
     space, lattice = field.space, field.lattice
     parts = [start]

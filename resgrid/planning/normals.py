@@ -1,8 +1,8 @@
 """Surface normals of bitmap and voxel models (Connolly & Grupen 1992, section 3.1).
 
-The model is connected to one rail and the edge of the grid to the other.  Outside the model, the gradient of the
-potential then points along the outward normal of the nearby surface.  It is smooth, although the surface of the bitmap
-consists of axis-aligned steps.
+The model is connected to the low rail and the edge of the grid to the high rail.  Outside the model, the gradient of
+the potential then points along the outward normal of the nearby surface.  This gradient is smooth, although the surface
+of the bitmap consists of axis-aligned steps.
 """
 
 from __future__ import annotations
@@ -69,8 +69,8 @@ def surface_normals(
     spacing : float or sequence of float
         Cell widths of an array, in any unit.
     padding : int, optional
-        Number of free cells added on both sides of every axis that is not periodic.  By default half of the longest
-        axis in one or two dimensions, and a quarter of it in three or four.
+        Number of free cells added on both sides of every axis that is not periodic.  By default 1 plus a fraction of
+        the number of cells of the longest axis: half in one or two dimensions, a quarter in three or four.
 
     Returns
     -------

@@ -1,7 +1,7 @@
 """Fields of spaces too large for the memory of one process: PETSc processes solve them from memory-mapped files.
 
-No netlist is compiled.  The equations are written, and the solution is read and checked, one slab of rows at a time;
-the arrays of the resulting field are memory-mapped files, too.
+No netlist is compiled.  The equations are written, and the solution is read and checked, one slab at a time: a range of
+indices along the first axis.  The arrays of the resulting field are memory-mapped files, too.
 
 PETSc stops at a residual norm.  Afterwards every cell is tested for direction safety.  A streamline ends at a cell that
 fails the test; in a Dirichlet field these are cells far from the goals.
@@ -50,7 +50,7 @@ _BYTES_OF_RANK = 8e7
 """Memory of a PETSc process (rank) without any cell, in bytes."""
 
 _CELLS = 2**20
-"""Approximate number of cells of a slab; the arrays of one slab take about 100 MB."""
+"""Approximate number of cells of a slab (a range of indices along the first axis), whose arrays take about 100 MB."""
 
 
 @frozen
@@ -133,7 +133,7 @@ def _write_through(folder: Path) -> None:
 def slabs(space: ConfigurationSpace) -> Iterator[tuple[int, int]]:
     """Return an iterator over the slabs of a space: index ranges (first, end) along the first axis.
 
-    A slab has about `_CELLS` cells, or one row of the first axis if a row has more cells.
+    A slab has about `_CELLS` cells, or a single index of the first axis if the cells with one index are more.
     """
     size, step = space.shape[0], max(1, _CELLS // prod(space.shape[1:]))
     return ((first, min(first + step, size)) for first in range(0, size, step))
@@ -142,10 +142,11 @@ def slabs(space: ConfigurationSpace) -> Iterator[tuple[int, int]]:
 def write_equations(space: ConfigurationSpace, wiring: Wiring, folder: Path, rtol: float) -> None:
     """Write the equations of the circuit to files in `folder` for the PETSc processes, one slab of cells at a time.
 
-    Arrays, all of the shape of the space, are written to files named as follows.  ``ahead_A``: conductance to the next
-    cell along axis ``A``; ``ground``: sum of the conductances to rails; ``drive``: right-hand side; ``answer``: space
-    for the solution.  ``system.json`` contains the shape and `rtol`, the requested norm of the residual, relative to
-    the norm of the right-hand side.
+    Arrays, all of the shape of the space, are written to files named as follows, conductances in units of ``1 /
+    resistance``.  ``ahead_A``: conductance to the next cell along axis number ``A``; ``ground``: sum of the
+    conductances to rails; ``drive``: right-hand side, the sum of the conductances to goals, or 1 with a uniform drive;
+    ``answer``: space for the solution.  ``system.json`` contains the shape and `rtol`, the requested norm of the
+    residual, relative to the norm of the right-hand side.
 
     Raises
     ------
@@ -185,8 +186,9 @@ def write_equations(space: ConfigurationSpace, wiring: Wiring, folder: Path, rto
 class SlabReading:
     """Values, currents and direction safety of the cells of one slab (a range of indices along the first axis).
 
-    `value` (shape of the slab): the unknown (drop or height) of every cell, between 0 and 1 in a circuit between two
-    rails, NaN in cells without a node; `current`: one array per axis, the currents through the faces across that axis
+    `value` (shape of the slab): the unknown of every cell, NaN in cells without a node: the drop from the high rail as
+    a fraction of the supply, or, with a uniform drive, the height above the goals in units of the injected current of a
+    cell times the resistance; `current`: one array per axis, the currents through the faces across that axis
     (one more than cells along it), positive in the direction of the axis, in units of ``1 / resistance`` times the unit
     of `value`; `safe` (shape of the slab): mask of the cells out of which current flows, and in which the KCL residual,
     rounding errors included, is at most 1e-6 of the cell's through-current.
@@ -202,9 +204,10 @@ def read_rows(
 ) -> SlabReading:
     """Return values, currents and direction safety of the cells of a slab (a range of cells along the first axis).
 
-    `answer` (shape of the space): PETSc's solution: drops, or with a uniform drive heights, in the unit for which every
-    injected current and ``1 / resistance`` is 1; `rows`: first index of the slab along the first axis, and the index
-    after the last.  The result has drops if `answer` has drops, else heights.
+    `answer` (shape of the space): PETSc's solution: drops from the high rail as fractions of the supply, or with a
+    uniform drive heights above the goals, in units of the injected current of a cell times the resistance; `rows`:
+    first index of the slab along the first axis, and the index after the last.  The result has drops if `answer` has
+    drops, else heights.
     """
     contacts = contacts_of_box(space, wiring, [rows])
     falls = wiring.drive != "uniform"  # a drop grows from the high rail to the goals

@@ -90,8 +90,8 @@ DEFAULT_OPTIONS = SolveOptions()
 def solve_options(method: str, ranks: int | None = None, launcher: str | None = None, **options: Any) -> SolveOptions:
     """Return the solve options for a solution method.
 
-    `ranks`, `launcher`: number of processes (2 by default), or the command that starts them, for method "petsc" only;
-    `options`: other fields of `SolveOptions`.
+    `method`: "petsc", or a method of `resgrid.solve`; `ranks`, `launcher`: for method "petsc" only, number of processes
+    (2 by default), or the command that starts them; `options`: other fields of `SolveOptions`.
     """
     if method == PETSC:
         if ranks is not None and launcher is not None:
@@ -112,9 +112,9 @@ def solve_options(method: str, ranks: int | None = None, launcher: str | None = 
 class Problem:
     """A planning problem: a configuration space, the wiring of a circuit on it, blends of two fields, and starts.
 
-    `wiring`: wiring of the circuit; in a blend, of the circuit with k = 1; `ks`: weights of the Dirichlet field, one
-    per blend, empty if only the field of `wiring` is needed; `starts` (n, ndim): in world coordinates; `start_driven`:
-    whether each start drives a circuit of its own, with open obstacles.
+    `space`: the space; `wiring`: wiring of the circuit, in a blend of the circuit with k = 1; `ks`: weights of the
+    Dirichlet field, one per blend, empty if only the field of `wiring` is needed; `starts` (n, ndim): in world
+    coordinates; `start_driven`: whether each start drives a circuit of its own, with open obstacles.
     """
 
     space: ConfigurationSpace
@@ -195,8 +195,9 @@ class Problem:
 class Solution:
     """Solution of a planning problem: the fields of its circuits.
 
-    `operating_points`, `pure`: operating point and field (not blended) of every solved circuit, by name of the circuit;
-    circuits without currents and circuits solved by PETSc have no operating point.
+    `problem`: the solved problem; `operating_points`, `pure`: operating point and field (not blended) of every solved
+    circuit, by name of the circuit: its boundary, or ``neumann_start_N`` if start N drives it.  Circuits without
+    currents and circuits solved by PETSc have no operating point.
     """
 
     problem: Problem
@@ -205,7 +206,7 @@ class Solution:
 
     @cached_property
     def fields(self) -> tuple[AnyField, ...]:
-        """Fields that the problem asks for: one per weight k, or one per start if starts drive circuits."""
+        """Fields that the problem asks for: one per weight k, one per start if starts drive circuits, or only one."""
         ks = self.problem.ks
         if self.problem.start_driven or not ks:
             return tuple(self.pure.values())
@@ -314,9 +315,10 @@ def compile_circuit(
 ) -> Netlist:
     """Return the netlist of one circuit of a space.
 
-    `space, wiring`: the space and the rules of the circuit; `scaled`: whether a uniformly driven circuit is solved
-    once, and the injected currents are scaled so that the highest node is at the supply; `build_chip`: function from
-    the ideal netlist to one with the non-idealities of a chip, None for an ideal circuit; `work`: solve options.
+    `space, wiring`: the space and the rules of the circuit; `scaled`: True solves a uniformly driven circuit once, and
+    scales the injected currents so that the highest node is at the supply; False leaves their sum at supply /
+    resistance; `build_chip`: function from the ideal netlist to a netlist with the non-idealities of a chip, None for
+    an ideal circuit; `work`: solve options.
     """
     seconds, stage = 4e-8 * space.cell.size * space.ndim, f"compile the {wiring.boundary} chip"
     netlist: Netlist = work.observe(stage, compile_space, space, wiring, seconds=seconds)
@@ -328,11 +330,12 @@ def compile_circuit(
 def solve_problem(problem: Problem, *, scaled: bool = False, work: SolveOptions = DEFAULT_OPTIONS) -> Solution:
     """Solve the ideal circuits of a problem, and return operating points and fields.
 
-    `scaled`: whether the drives of uniformly driven circuits are scaled to the supply; `work`: solve options.
-    A circuit without a driving voltage or current has a field without currents, whose streamlines still have an
-    outcome.  This happens if no free cell touches a goal, if the driving start is blocked or disconnected, or if no
-    obstacle (or edge that counts as one) touches a goal-connected free cell.  If only the Dirichlet field of a blend
-    has no currents, streamlines follow the Neumann field.
+    `scaled`: True scales the injected currents of uniformly driven circuits so that the highest node is at the supply;
+    False leaves their sum at supply / resistance; `work`: solve options.  A circuit without a driving voltage or
+    current has a field without currents, whose streamlines still have an outcome.  This happens if no free cell touches
+    a goal, if the driving start is blocked or disconnected, or if no obstacle (or edge that counts as one) touches a
+    goal-connected free cell.  If only the Dirichlet field of a blend has no currents, streamlines follow the Neumann
+    field.
 
     Raises
     ------

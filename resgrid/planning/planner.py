@@ -39,7 +39,8 @@ class Planner:
     k : float
         Weight of the Dirichlet field, in [0, 1].
     obstacle_field, open_field : Field or LatticeField
-        Fields of k = 1 (obstacles on the rail) and k = 0 (open obstacles).
+        Fields of k = 1 (obstacles on the rail) and k = 0 (open obstacles); InputError if the planner was created
+        without a k.
     scene_starts : ndarray of float64, shape (n, ndim)
         Starts of the scene, in world coordinates.
     replanning : Replanning or None
@@ -131,7 +132,7 @@ class Planner:
         cells : array_like of int, shape (n, ndim), optional
             Indices of the changed cells, in place of `grid`.
         values : int or array_like of int, shape (n,), optional
-            `Cell` code of each of these cells, or one code for all of them.
+            New `Cell` code of each of the changed cells, or one code for all of them.
         occupancy : array_like of int, shape (height, width), optional
             In place of `grid`, for a planner of a scene with a map: occupancies of the map's cells as in the ROS
             message ``nav_msgs/OccupancyGrid``, with row 0 at the bottom.  Cells are occupied from 65 on, free from 0 to
@@ -216,7 +217,9 @@ class Planner:
         return paths_of(self.field, self._starts(starts))
 
     def ends(self, starts: ArrayLike | None = None) -> Traces:
-        """Return only the ends of the paths from several starts, for streamlines much faster than `paths`.
+        """Return outcomes, goals and lengths of the paths from several starts, without the points of the paths.
+
+        For streamlines this is much faster than `paths`.
 
         Parameters
         ----------
@@ -226,7 +229,7 @@ class Planner:
         Returns
         -------
         Traces
-            Outcome, goal, length, duration and number of steps of every streamline.
+            Outcome, goal, length, duration and number of steps of every path.
 
         Raises
         ------

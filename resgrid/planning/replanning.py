@@ -35,8 +35,8 @@ class Replanning:
     changed : int
         Number of cells whose code or conductivity has changed; all cells if the axes have changed.
     eliminated : float
-        Fraction of the nodes of the elimination tree that were eliminated, in [0, 1]: 1 in the first update, 0 for
-        ``"unchanged"``, and the mean over both fields of a blend; NaN for a fresh plan.
+        Fraction of the nodes of the elimination tree that the update eliminated, in [0, 1]: 1 in the first update, 0
+        for ``"unchanged"``, and the mean over both fields of a blend; NaN for a fresh plan.
 
     Examples
     --------
@@ -55,8 +55,8 @@ class Replanning:
 class KeptCircuits:
     """Eliminated equations of circuits, kept between updates and shared by all planners of one map.
 
-    They save time, but change no result: every update first repeats the elimination where the map of its planner
-    differs from the map that was eliminated last.
+    Kept equations save time, but change no result: every update first repeats the elimination where the map of the
+    updated planner differs from the map that was eliminated last.
 
     Parameters
     ----------

@@ -23,7 +23,9 @@ A smaller relative difference of the values of two cells may be a rounding error
 """
 
 _NEGLIGIBLE = 1e-7
-"""Fraction of the through-current of both cells up to which a face current that may be a rounding error is set to zero.
+"""Largest fraction of a cell's through-current at which a current that may be a rounding error is set to zero.
+
+The current must be at most this fraction in both cells of the face.
 """
 
 Bools = NDArray[np.bool_]
@@ -133,7 +135,7 @@ def write_heights(kind: NDArray[np.uint8], own: Bools, height: Floats, values: V
 
 @inlined
 def _fall(values: Values, a: tuple[int, int], b: tuple[int, int]) -> tuple[float, int, bool]:
-    """Return the potential of cell `a` minus that of cell `b`, and whether this difference may be a rounding error.
+    """Return the potential of cell `a` minus the potential of `b`, and whether the difference may be a rounding error.
 
     The difference is ``m * 2**(256 e)``; the results are ``m``, ``e`` and the bool.  `a`, `b`: indices of the cells in
     the arrays of `values`, which have a margin.
@@ -179,10 +181,11 @@ def check_cells(
 ) -> tuple[float, int]:
     """Return the largest violation of KCL relative to the through-current, and the number of cells without outflow.
 
-    `values`: values of the cells; `source`: current into each cell with an equation, and conductance of its leak to the
-    high rail; `amps`, `exponent` (faces,): face currents ``amps * 2**(256 exponent)``.  Results: `through`, `scale`
-    (nx, ny): through-currents ``through * 2**(256 scale)``, half the sum of the magnitudes of a cell's currents; 0 in
-    cells without an equation.  Cells without any current are skipped.
+    Currents are in units of supply / resistance.  `values`: drop or height of the cells; `source`: current into each
+    cell with an equation, and conductance of the leak of such a cell to the high rail, in units of 1 / resistance;
+    `amps`, `exponent` (faces,): face currents ``amps * 2**(256 exponent)``, positive along the axis.  Results:
+    `through`, `scale` (nx, ny): through-currents ``through * 2**(256 scale)``, half the sum of the magnitudes of a
+    cell's currents; 0 in cells without an equation.  Cells without any current are skipped.
     """
     nx, ny = through.shape
     own, (injected, leak) = values.own, source

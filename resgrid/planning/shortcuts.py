@@ -116,7 +116,11 @@ def _line_of_sight(field: Field | LatticeField, clearance: float) -> LineTest:
     rim = 2.0 * float(space.rounding.max())  # certify_collision_free must also accept points rounded to world units
 
     def clear(start: NDArray[np.float64], end: NDArray[np.float64]) -> bool:
-        """Return whether the line from `start` to `end` (ndim,), in axis units, is free and keeps the clearance."""
+        """Return whether the line from `start` to `end` (ndim,) touches only free or goal cells and keeps a distance.
+
+        The distance, from obstacle cells and from edges that count as obstacles, is the argument `clearance` of
+        `_line_of_sight`.  Points and distance are in axis units.
+        """
         if not kernels.segment_is_free((start - lower) / spacing, (end - lower) / spacing, free, shape, periodic, rim):
             return False
         line = np.stack([start, end])

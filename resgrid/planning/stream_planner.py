@@ -47,31 +47,33 @@ class StreamedPath:
     snapshot : MapSnapshot
         The map, with the poses of robot and goal, for which the path was planned.
     path : Streamline, NodePath or None
-        The path, also of a negative outcome; None if the start or the goal is blocked, or nothing was planned.
+        The path, also of a negative outcome; None if the start lies outside the map, no goal has a free cell, or
+        `outcome` is None.
     outcome : Outcome or None
-        Outcome of the plan; None if nothing was planned, because the map, the start or the goal is missing.
+        Outcome of the plan; None if there is no plan, because the map, the start or the goal is missing, the frame of
+        the map changed, or the field is not direction-safe.
     reason : str or None
-        Reason why no goal is reached; None if one is reached.
+        Reason why no certified path reaches a goal; None if one does.
     certified : bool
         Whether the path has passed `certify`.
     replanning : Replanning or None
-        How the field was updated from that of the previous snapshot; None for the first plan, and if nothing was
-        solved.
+        Report of the update of the previous field; None for the first plan, and if nothing was solved.
     seconds : float
         Processor time from the occupancies to the certified path, in seconds.
     planner : Planner or None
         Solved space of this snapshot; if nothing was solved, that of the last solved snapshot, or None without one.
     scene : Scene or None
-        Scene of the snapshot, with its map and the goals of the options; None before the first usable map.
+        Scene with the snapshot's map and any goals in the options of the planner; None before the first usable map.
     start : tuple of float or None
-        Start in world coordinates (x, y), for a robot that turns also the heading times its turning length; None if it
-        is unknown.
+        Start in world coordinates (x, y), in metres; for a robot that turns, also the heading in radians times the
+        turning length, in metres, of the robot; None if the start is unknown.
     solved : bool
         Whether the space of this snapshot was solved.
     reached : bool
         Whether the path reaches a goal and is certified.
     points : ndarray of float64, shape (n, ndim)
-        Points of the path in the frame of the map; empty without a certified path to a goal.
+        Points of the path in the frame of the map, in metres; a third coordinate is the heading in radians times the
+        turning length.  Empty without a certified path to a goal.
     length : float or None
         Length of the path in metres; None without a certified path to a goal.
     clearance : float or None
@@ -113,7 +115,7 @@ class StreamedPath:
 
     @property
     def points(self) -> NDArray[np.float64]:
-        """Points of the path in the frame of the map, shape (n, ndim); empty without a certified path to a goal."""
+        """Points of the path in the frame of the map, in metres (n, ndim); empty without a certified path to a goal."""
         return self.path.points if self.reached and self.path is not None else np.zeros((0, 2))
 
     @property
@@ -326,7 +328,7 @@ def _require_fit(scene: Scene) -> None:
 def _configuration(scene: Scene, pose: Pose) -> Point:
     """Return the configuration of the scene's robot at a pose: x, y, and for a robot that turns a third coordinate.
 
-    The third coordinate is the heading in radians times the turning length of the robot.
+    The third coordinate is the heading in radians times the turning length, in metres, of the robot.
     """
     turning = scene.robot.turning_length
     return pose[:2] if turning is None else (*pose[:2], pose[2] * turning)

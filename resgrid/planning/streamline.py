@@ -65,9 +65,9 @@ class Streamline:
         (``ConfigurationSpace.goal_points``).  Several points coincide if the streamline starts on a face or passes
         through an edge or a corner; `points` and `line` contain distinct points only.
     cells : ndarray of int64, shape (m, ndim)
-        Visited cells, from the start cell to the entered goal cell.  Row ``i`` of `axis_points` is the point at which
-        cell ``i`` is entered.  With a last leg, straight to the goal point, n is m + 1, and the last point lies in the
-        last cell.
+        Visited cells, from the start cell to the entered goal cell, or to the last cell if no goal is reached.  Row
+        ``i`` of `axis_points` is the point at which cell ``i`` is entered.  With a last leg, straight to the goal
+        point, n is m + 1, and the last point lies in the last cell.
     outcome : Outcome
         Reason why tracing ended.
     goal : int or None
@@ -180,7 +180,7 @@ def dead_end_reason(field: Field, cell: tuple[int, ...]) -> str:
 
 
 def _flowing_cells(field: Field) -> NDArray[np.bool_]:
-    """Return the free, direction-safe cells that a current leaves through a face, shape of the space."""
+    """Return the mask of the free, direction-safe cells that a current leaves through a face, shape of the space."""
     flows = np.zeros(field.space.shape, dtype=np.bool_)
     for axis, direction in enumerate(field.face_direction):
         lower, upper = sides_of_cells(direction, axis)
@@ -192,7 +192,7 @@ def _flowing_cells(field: Field) -> NDArray[np.bool_]:
 @frozen
 @dataclass(frozen=True, eq=False)
 class Polyline:
-    """A user-defined path, accepted by all functions of paths.
+    """A user-defined path, for functions such as `time_parameterize`, `certify_collision_free` and `check_collisions`.
 
     Parameters
     ----------

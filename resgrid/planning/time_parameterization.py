@@ -51,7 +51,7 @@ class Trajectory:
         Velocities in world coordinates per second, just after each knot; 0 at the last knot.
     accelerations : ndarray of float64, shape (n - 1, ndim)
         Accelerations in world coordinates per second squared, between the knots; means in a resampled trajectory.
-    path : Streamline, ShortPath or Polyline
+    path : Streamline, ShortPath, Polyline or NodePath
         The path that was time-parameterized.
     motion : Trajectory or None
         For a resampled trajectory, the original, which defines the motion between knots.
@@ -200,15 +200,15 @@ def time_parameterize(
 
     Parameters
     ----------
-    path : Streamline, ShortPath or Polyline
+    path : Streamline, ShortPath, Polyline or NodePath
         The path to follow.
     velocity_limits : float or sequence of float, optional
         Positive limits in world coordinates per second.  A sequence limits each coordinate separately.  A single number
         limits the speed (Euclidean norm) of point and disc robots, and each coordinate of other robots.  By default
         those of the robot: of a robot from a URDF file, the limits of its joints; other robots have none.
     acceleration_limits : float or sequence of float, optional
-        Limits in world coordinates per second squared, applied in the same form.  By default those of the robot, if it
-        has some (`URDFRobot.acceleration`).
+        Limits in world coordinates per second squared, in the forms of `velocity_limits`.  By default those of the
+        robot (`URDFRobot.acceleration`); if the robot has none, accelerations are not limited.
     tolerance : float, optional
         With acceleration limits: maximum deviation from the path, in axis units, one half to straighten small bends,
         one half to round the remaining corners.  By default half of the path's clearance (at most a quarter of the

@@ -33,7 +33,7 @@ _BATCH = 1 << 18
 @frozen
 @dataclass(frozen=True, eq=False)
 class Traces:
-    """End points and measures of n streamlines, without their points.
+    """Outcomes, goals, lengths, durations and numbers of steps of n streamlines or node paths, without their points.
 
     Returned by `resgrid.streamlines` and `resgrid.planning.Planner.ends`.
 
@@ -47,7 +47,7 @@ class Traces:
         Length in axis units, last leg included; NaN if the streamline does not reach a goal.
     log_duration : ndarray of float64, shape (n,)
         Natural logarithm of the time to the goal cell's face, or to the end of the streamline, at the velocity
-        ``-conductivity * grad(phi)``; NaN without motion.
+        ``-conductivity * grad(phi)``; NaN without motion, and for a lattice other than "square".
     steps : ndarray of int64, shape (n,)
         Number of crossed faces; for a lattice other than "square", number of steps between sites.
 
@@ -146,7 +146,7 @@ def follow(field: Field, point: NDArray[np.float64]) -> Streamline:
 
 
 def streamlines(field: Field, starts: ArrayLike) -> Traces:
-    """Follow the current from n starts, and return the ends without the points in between.
+    """Follow the current from n starts, and return outcomes, goals and lengths without the points of the streamlines.
 
     Parameters
     ----------
@@ -180,7 +180,10 @@ def streamlines(field: Field, starts: ArrayLike) -> Traces:
 
 
 def follow_many(field: Field, points: NDArray[np.float64]) -> Traces:
-    """Return outcomes, goals and measures of the streamlines from `points` (n, ndim), given in axis units."""
+    """Return outcomes, goals, lengths, durations and numbers of steps of streamlines from `points` (n, ndim).
+
+    The points are in axis units.
+    """
     from resgrid.planning import kernels
 
     cells, local = start_cells(field.space, points)

@@ -22,9 +22,10 @@ _RAIL = GROUND + 1
 
 
 def factor_cut_off(cells: CellMap) -> tuple[CircuitFactor, NDArray[np.int32]] | None:
-    """Return the factored equations of the free cells without a node, and their rows.
+    """Return the factored equations of the free cells without a node, and the matrix rows of these cells.
 
-    The rows have the shape of the space, and are -1 in other cells.  The result is None without a leak or such cells.
+    The rows have the shape of the space, and are -1 in other cells.  The result is None without a leak, or if every
+    free cell has a node.  `cells`: map of the circuit's nodes to cells, with space and wiring.
     """
     space, wiring = cells.space, cells.wiring
     mask = (space.cell == Cell.FREE) & (cells.node < 0)

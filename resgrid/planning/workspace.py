@@ -68,7 +68,7 @@ def workspace_path(path: AnyPath | Trajectory) -> NDArray[np.float64]:
 
     Parameters
     ----------
-    path : Streamline, ShortPath, Polyline or Trajectory
+    path : Streamline, ShortPath, Polyline, NodePath or Trajectory
         The path, in the space of the robot.
 
     Returns
@@ -97,7 +97,7 @@ def workspace_clearance(path: AnyPath | Trajectory, obstacles: Sequence[Shape], 
 
     Parameters
     ----------
-    path : Streamline, ShortPath, Polyline or Trajectory
+    path : Streamline, ShortPath, Polyline, NodePath or Trajectory
         The path, in the space of the robot.
     obstacles : sequence of Shape
         Shapes in world coordinates; a `CellSet` has the axes of the space.
@@ -108,7 +108,7 @@ def workspace_clearance(path: AnyPath | Trajectory, obstacles: Sequence[Shape], 
     Returns
     -------
     float
-        Smallest distance in workspace units; 0 at a contact, infinite without obstacles.
+        Smallest distance in workspace units; 0 if the robot touches an obstacle, infinite without obstacles.
 
     Raises
     ------
@@ -141,7 +141,7 @@ def check_collisions(
 
     Parameters
     ----------
-    path : Streamline, ShortPath, Polyline or Trajectory
+    path : Streamline, ShortPath, Polyline, NodePath or Trajectory
         The path, in the space of the robot.
     obstacles : sequence of Shape
         Shapes in world coordinates; a `CellSet` has the axes of the space.
