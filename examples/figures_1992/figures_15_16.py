@@ -64,7 +64,7 @@ for world, number, kind in ((bare, 15, "the free run"), (scene, 16, "with the hi
 # Dirichlet currents decay exponentially away from the goal, and Neumann currents do not. The map shows the Dirichlet
 # fraction of the current.
 
-share = planner.dirichlet_share()[planner.space.goal_connected]
+share = planner.dirichlet_fraction()[planner.space.goal_connected]
 print(f"Neumann dominates in {np.mean(share < 0.5):.0%} of the cells, although k = 0.98")
 assert np.mean(share < 0.5) > 0.4
 axes = rg.plot.draw_dirichlet_fraction(planner.obstacle_field, planner.open_field, 0.98)

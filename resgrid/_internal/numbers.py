@@ -50,7 +50,7 @@ def check_number(
         raise InputError(f"{name} = {value!r} must be {words}")
 
 
-def check_share(name: str, value: Any) -> None:
+def check_fraction(name: str, value: Any) -> None:
     """Raise InputError unless a value is a number from 0 to 1; `name`: name of the value in the message."""
     if not (is_number(value) and 0 <= value <= 1):
         raise InputError(f"{name} = {value!r} must lie between 0 and 1")

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid._internal.numbers import Positive, check_share
+from resgrid._internal.numbers import Positive, check_fraction
 from resgrid.chip.figures_of_merit import Figure, Result, defined
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.core.cell import Cell
@@ -214,12 +214,12 @@ class ADCResolution(Result):
         """
         return float(np.mean(self.starts <= bits)) if self.starts.size else float("nan")
 
-    def bits_for(self, share: float) -> int | None:
+    def bits_for(self, fraction: float) -> int | None:
         """Return the smallest number of bits that serves a fraction of the starts.
 
         Parameters
         ----------
-        share : float
+        fraction : float
             The fraction of the starts, in [0, 1].
 
         Returns
@@ -230,13 +230,13 @@ class ADCResolution(Result):
         Raises
         ------
         InputError
-            If `share` is out of range.
+            If `fraction` is out of range.
         """
-        check_share("share", share)
+        check_fraction("fraction", fraction)
         ordered = np.sort(self.starts)
         if not ordered.size:
             return None
-        needed = ordered[max(int(np.ceil(share * len(ordered) - 1e-9)) - 1, 0)]
+        needed = ordered[max(int(np.ceil(fraction * len(ordered) - 1e-9)) - 1, 0)]
         return max(int(np.ceil(needed)), 1) if np.isfinite(needed) else None
 
     def cells_passed(self, starts: Sequence[tuple[int, ...]] = ()) -> NDArray[np.int64]:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid._internal.checkpoints import Journal
-from resgrid._internal.numbers import check_share
+from resgrid._internal.numbers import check_fraction
 from resgrid.chip.build import chip_with
 from resgrid.chip.figures_of_merit import Figure, Result
 from resgrid.chip.paired_trials import groups_of, run_groups
@@ -80,29 +80,29 @@ class Sweep(Result):
     trials: int
     confidence: float
 
-    def cheapest(self, share: float = 0.99) -> list[Any]:
-        """Return, for each first value, the first of the second values from which on the yield is at least `share`.
+    def cheapest(self, fraction: float = 0.99) -> list[Any]:
+        """Return, for each first value, the first of the second values from which on the yield is at least `fraction`.
 
         Parameters
         ----------
-        share : float
+        fraction : float
             The yield to reach, in [0, 1].
 
         Returns
         -------
         list
             One entry for each of `first_values`: the earliest of `second_values` such that the yield at this value and
-            all later ones is at least `share`; None if there is no such value.
+            all later ones is at least `fraction`; None if there is no such value.
 
         Raises
         ------
         InputError
-            If `share` is out of range.
+            If `fraction` is out of range.
         """
-        check_share("share", share)
+        check_fraction("fraction", fraction)
         result: list[Any] = []
         for row in self.share:
-            enough = np.logical_and.accumulate((row >= share)[::-1])[::-1]
+            enough = np.logical_and.accumulate((row >= fraction)[::-1])[::-1]
             result.append(self.second_values[int(np.argmax(enough))] if enough.any() else None)
         return result
 

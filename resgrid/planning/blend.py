@@ -138,7 +138,7 @@ def add_currents(
         return np.sign(total).astype(np.int8), np.log(np.abs(total)) + base
 
 
-def dirichlet_share(dirichlet: Field, neumann: Field, k: float) -> NDArray[np.float64]:
+def dirichlet_fraction(dirichlet: Field, neumann: Field, k: float) -> NDArray[np.float64]:
     """Return the fraction of a blend's gradient that comes from the Dirichlet field.
 
     The fraction is ``|k grad phi_D| / (|k grad phi_D| + |(1 - k) grad phi_N|)`` at the centre of every cell.

@@ -27,7 +27,7 @@ class ClearanceCurve:
 
     Attributes
     ----------
-    knob : {"k", "wall_resistance"}
+    parameter : {"k", "wall_resistance"}
         Name of the parameter: the weight k of the Dirichlet field, or the wall resistance.
     value : ndarray of float64, shape (n,)
         Values of the parameter: pure numbers for ``"k"``, ohms for ``"wall_resistance"``.
@@ -44,7 +44,7 @@ class ClearanceCurve:
     --------
     >>> planner = rg.plan(rg.read_scene("examples/scenes/lesson.toml"), k=1.0)
     >>> curve = rg.planning.clearance_curve(planner, ks=(0.0, 1.0))
-    >>> curve.knob, curve.clearance.shape
+    >>> curve.parameter, curve.clearance.shape
     ('k', (2, 56))
     >>> curve.clearance[:, 10].round(3), curve.length[:, 10].round(3)
     (array([0.03 , 0.211]), array([5.564, 5.46 ]))
@@ -52,7 +52,7 @@ class ClearanceCurve:
     array([0.462, 0.506])
     """
 
-    knob: str
+    parameter: str
     value: NDArray[np.float64]
     starts: NDArray[np.float64]
     clearance: NDArray[np.float64]
@@ -115,10 +115,10 @@ def clearance_curve(
     require_faces(planner.field, "clearance_curve")
     space, wiring = planner.space, planner.field.wiring
     if wall_resistances is None:
-        knob, values = "k", _settings("k", ks, 1.0)
+        parameter, values = "k", _settings("k", ks, 1.0)
         fields = [require_faces(planner.at(k).field, "clearance_curve") for k in values.tolist()]
     else:
-        knob, values = "wall_resistance", _settings("wall_resistance", wall_resistances, np.inf)
+        parameter, values = "wall_resistance", _settings("wall_resistance", wall_resistances, np.inf)
         walls = [
             wiring_of(wiring, {"boundary": "wall", "wall_resistance": ohms}) if ohms < np.inf else wiring.opened()
             for ohms in values.tolist()
@@ -130,29 +130,31 @@ def clearance_curve(
     counted = np.asarray(reached.all(axis=0))
     if not counted.any():
         flat = [value for value, field in zip(values.tolist(), fields, strict=True) if not field.is_flowing]
-        remedy = f"no current flows at {knob} = {flat[0]:g}: leave this value out" if flat else "choose other starts"
-        raise InputError(f"no start reaches a goal at every value of {knob}; {remedy}")
+        remedy = (
+            f"no current flows at {parameter} = {flat[0]:g}: leave this value out" if flat else "choose other starts"
+        )
+        raise InputError(f"no start reaches a goal at every value of {parameter}; {remedy}")
     clearance, length = (
         np.where(reached, [[getattr(path, name) for path in row] for row in paths], np.nan)
         for name in ("clearance", "length")
     )
-    return ClearanceCurve(knob, values, space.to_world(points), clearance, length, counted)
+    return ClearanceCurve(parameter, values, space.to_world(points), clearance, length, counted)
 
 
-def _settings(knob: str, values: ArrayLike, limit: float) -> NDArray[np.float64]:
+def _settings(parameter: str, values: ArrayLike, limit: float) -> NDArray[np.float64]:
     """Return `values` of a parameter as an array (n,); raise InputError unless they lie in [0, `limit`].
 
-    `knob`: name of the parameter in the message.
+    `parameter`: name of the parameter in the message.
     """
     try:
         settings = np.atleast_1d(np.array(values, dtype=np.float64))
     except (TypeError, ValueError) as error:
-        raise InputError(f"{knob}: the values must be numbers") from error
+        raise InputError(f"{parameter}: the values must be numbers") from error
     if settings.ndim != 1 or not settings.size:
-        raise InputError(f"{knob}: give a one-dimensional sequence of at least one value")
+        raise InputError(f"{parameter}: give a one-dimensional sequence of at least one value")
     within = (settings >= 0) & (settings <= limit)
     if not within.all():
-        raise InputError(f"{knob} = {settings[~within][0]} is out of range: it must lie between 0 and {limit:g}")
+        raise InputError(f"{parameter} = {settings[~within][0]} is out of range: it must lie between 0 and {limit:g}")
     return settings
 
 

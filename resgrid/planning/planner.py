@@ -14,7 +14,7 @@ from resgrid._internal.values import frozen
 from resgrid.core.space import ConfigurationSpace
 from resgrid.core.wiring import Wiring, WiringOptions
 from resgrid.planning.any_field import AnyField, FieldPath, blended, ends_of, path_of, paths_of, require_faces
-from resgrid.planning.blend import dirichlet_share
+from resgrid.planning.blend import dirichlet_fraction
 from resgrid.planning.map_changes import Change
 from resgrid.planning.pipeline import Solution, problem_of, require_uniform, solve_options, solve_problem
 from resgrid.planning.replanning import KeptCircuits, Replanning, solve_changed
@@ -165,14 +165,14 @@ class Planner:
             return replace(self, replanning=report)
         return Planner(_chosen(solution, self.k), solution, report, self._kept, self._scene)
 
-    def dirichlet_share(self) -> NDArray[np.float64]:
+    def dirichlet_fraction(self) -> NDArray[np.float64]:
         """Return the fraction of the blend's gradient that comes from the Dirichlet field, shape of the space.
 
         Away from the goals, the Dirichlet gradient decays exponentially, but the Neumann gradient does not.  Even with
         a weight k of 0.98, the blend there is almost the Neumann field.  NaN where both gradients vanish.
         """
-        obstacle, opened = (require_faces(field, "dirichlet_share") for field in self.solution.halves)
-        return dirichlet_share(obstacle, opened, self.k)
+        obstacle, opened = (require_faces(field, "dirichlet_fraction") for field in self.solution.halves)
+        return dirichlet_fraction(obstacle, opened, self.k)
 
     def path(self, start: ArrayLike | None = None, *, cell: Sequence[int] | None = None) -> FieldPath:
         """Return the path from a start: the streamline, or for another lattice than "square" the path of nodes.

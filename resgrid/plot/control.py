@@ -22,7 +22,7 @@ from resgrid.control.run_log import ContactLog, ControlMode, Run, TerminationRea
 from resgrid.control.wavefronts import Wavefront
 from resgrid.core.cell import Cell
 from resgrid.errors import InputError
-from resgrid.planning.blend import dirichlet_share
+from resgrid.planning.blend import dirichlet_fraction
 from resgrid.planning.fields import Field
 from resgrid.planning.trace import streamline
 from resgrid.plot.figures import PAGE, add_title, axes_or_new, caption_height, new_figure, panel_height
@@ -320,7 +320,7 @@ def draw_dirichlet_fraction(dirichlet: Field, neumann: Field, k: float, ax: Axes
     """
     plane = plane_of(dirichlet.space)
     axes = axes_or_new(ax, plane.aspect)
-    share = np.where(dirichlet.space.goal_connected, dirichlet_share(dirichlet, neumann, k), np.nan)
+    share = np.where(dirichlet.space.goal_connected, dirichlet_fraction(dirichlet, neumann, k), np.nan)
     image = draw_image(plane, share, axes, cmap="PuOr_r", vmin=0.0, vmax=1.0, zorder=0.5)
     inside = np.ma.masked_invalid(share)
     if inside.count() and inside.min() < 0.5 < inside.max():

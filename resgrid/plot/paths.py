@@ -303,13 +303,13 @@ def draw_clearance_curve(curve: ClearanceCurve, ax: Axes | None = None, *, unit:
     )  # fmt: skip
     if cell:
         axes.errorbar(
-            0.93 if curve.knob == "k" else 0.07, low.min() + cell / 4, yerr=cell / 4, color="black", linewidth=0.9,
+            0.93 if curve.parameter == "k" else 0.07, low.min() + cell / 4, yerr=cell / 4, color="black", linewidth=0.9,
             capsize=2.5, label="half a cell", transform=axes.get_yaxis_transform(),
         )  # fmt: skip
     suffix = f" ({unit})" if unit else ""
-    axes.set_xlabel("$k$ (0 Neumann, 1 Dirichlet)" if curve.knob == "k" else "wall resistance (Ω)", fontsize=TEXT)
+    axes.set_xlabel("$k$ (0 Neumann, 1 Dirichlet)" if curve.parameter == "k" else "wall resistance (Ω)", fontsize=TEXT)
     axes.set_ylabel(f"clearance of the path{suffix}", fontsize=TEXT)
-    if curve.knob != "k" and (curve.value[np.isfinite(curve.value)] > 0).sum() > 1:
+    if curve.parameter != "k" and (curve.value[np.isfinite(curve.value)] > 0).sum() > 1:
         axes.set_xscale("symlog", linthresh=float(curve.value[curve.value > 0].min()))
         axes.xaxis.set_major_locator(FixedLocator(curve.value[np.isfinite(curve.value)].tolist()))
         axes.xaxis.set_minor_locator(NullLocator())

@@ -133,7 +133,7 @@ def test_json_has_units_and_invalid_arguments_raise_input_error() -> None:
     assert data["sentence"] == rg.study(op).adc_resolution().sentence(10)
     with pytest.raises(rg.InputError, match="span"):
         rg.study(op).adc_resolution(span=0.0)
-    with pytest.raises(rg.InputError, match="share"):
+    with pytest.raises(rg.InputError, match="fraction"):
         rg.study(op).adc_resolution().bits_for(1.5)
     bare = op.netlist.replace(cell_map=None)
     with pytest.raises(rg.InputError, match="not compiled"):

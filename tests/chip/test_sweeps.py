@@ -97,7 +97,7 @@ def test_cheapest_is_the_first_value_from_which_the_yield_stays_above_the_target
     result = rg.chip.Sweep("a", "b", (1, 2, 3), (6, 8, 10, 12, 14), share, share, share, 10, 0.95)
     assert result.cheapest(0.99) == [12, None, 6]
     assert result.cheapest(0.5) == [6, 14, 6]
-    with pytest.raises(rg.InputError, match="share"):
+    with pytest.raises(rg.InputError, match="fraction"):
         result.cheapest(1.5)
     assert result.to_json()["yield"] == share.tolist()
 

@@ -106,7 +106,7 @@ def test_a_stiff_circuit_takes_few_steps() -> None:
     found = rg.circuit.transient(netlist, times)
     assert np.abs(found.voltage - exact.voltage(times)).max() < 1e-6
     assert found.steps < 3000
-    assert found.factorisations < 40
+    assert found.factorizations < 40
 
 
 def test_a_single_pole_has_the_exact_voltages_and_energies() -> None:

@@ -215,7 +215,7 @@ def refused(name: str, planner: rg.planning.Planner) -> Any:
         "basins": lambda: rg.basins(field),
         "blend": lambda: rg.blend(field, field, 0.5),
         "field": lambda: rg.field(rg.solve(netlist)),
-        "share": lambda: rg.plan(space, lattice="square8", k=0.5).dirichlet_share(),
+        "share": lambda: rg.plan(space, lattice="square8", k=0.5).dirichlet_fraction(),
         "clearance_curve": lambda: rg.planning.clearance_curve(planner, wall_resistances=(1e3, 1e4)),
         "random_walk": lambda: rg.planning.random_walk(netlist),
         "controller": lambda: rg.control.make_controller(field),

@@ -9,7 +9,7 @@ from hypothesis import assume, given, settings, strategies as st
 from support.spaces import space_of, spaces
 
 import resgrid as rg
-from resgrid.planning.blend import dirichlet_share
+from resgrid.planning.blend import dirichlet_fraction
 from resgrid.planning.fields import undriven_field
 
 BOUNDARIES = [{}, {"boundary": "neumann"}, {"boundary": "wall", "wall_resistance": 2.0}]
@@ -252,7 +252,7 @@ def test_dirichlet_share_equals_that_of_central_differences(spacing: tuple[float
     cell[20, 16] = 2
     space = space_of(cell, spacing=spacing, conductivity=np.full((24, 20), 3.0))
     dirichlet, neumann = field(space), field(space, boundary="neumann")
-    share = dirichlet_share(dirichlet, neumann, 0.9)
+    share = dirichlet_fraction(dirichlet, neumann, 0.9)
     inner = np.zeros(cell.shape, dtype=bool)
     inner[1:-1, 1:-1] = (cell[1:-1, 1:-1] == 0) & (cell[:-2, 1:-1] != 1) & (cell[2:, 1:-1] != 1)
     inner[1:-1, 1:-1] &= (cell[1:-1, :-2] != 1) & (cell[1:-1, 2:] != 1)
@@ -260,7 +260,7 @@ def test_dirichlet_share_equals_that_of_central_differences(spacing: tuple[float
     expected = 0.9 * size[0] / (0.9 * size[0] + 0.1 * size[1])
     np.testing.assert_allclose(share[inner], expected[inner], rtol=1e-7, atol=1e-9)
     with pytest.raises(rg.InputError, match="in this order"):
-        dirichlet_share(neumann, dirichlet, 0.9)
+        dirichlet_fraction(neumann, dirichlet, 0.9)
 
 
 @pytest.mark.parametrize("rails", ["merged", "cells"])

@@ -56,11 +56,11 @@ def test_arrows_of_the_velocity_diagram_satisfy_its_equation(field) -> None:
 
 def test_the_dirichlet_fraction_lies_between_0_and_1(space, field, neumann) -> None:
     planner = rg.plan(space, k=0.98)
-    share = planner.dirichlet_share()
+    share = planner.dirichlet_fraction()
     assert np.nanmin(share) >= 0 and np.nanmax(share) <= 1
-    assert np.all(planner.at(1.0).dirichlet_share()[space.goal_connected] == 1)
+    assert np.all(planner.at(1.0).dirichlet_fraction()[space.goal_connected] == 1)
     with pytest.raises(rg.InputError, match="0 <= k <= 1"):
-        planner.at(2.0).dirichlet_share()
+        planner.at(2.0).dirichlet_fraction()
     axes = rg.plot.draw_dirichlet_fraction(field, neumann, 0.98)
     assert axes.images
 

@@ -93,9 +93,9 @@ def test_the_page_shows_robot_and_obstacles_on_a_white_ground(page: Page) -> Non
 @pytest.mark.slow
 def test_the_slider_moves_the_robot(page: Page, viewer: Viewer) -> None:
     before = steady(page)
-    knob = page.get_by_role("slider").first
-    knob.focus()
-    knob.press("End")
+    parameter = page.get_by_role("slider").first
+    parameter.focus()
+    parameter.press("End")
     end = time.monotonic() + 30
     while viewer.panel.slider.value < 1.0:
         assert time.monotonic() < end

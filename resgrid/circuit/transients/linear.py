@@ -48,7 +48,7 @@ class Transient:
         Energy in the capacitors, in joules.
     steps : int
         Number of time steps.
-    factorisations : int
+    factorizations : int
         Number of matrices that were factored.
     method : {"tr-bdf2", "trapezoidal", "backward_euler"}
         Integration method.
@@ -71,7 +71,7 @@ class Transient:
     energy: NDArray[np.float64]
     stored: NDArray[np.float64]
     steps: int
-    factorisations: int
+    factorizations: int
     method: str
 
 
