@@ -21,17 +21,17 @@ WIDTHS = {
 }
 """Number of nodes and number of values of an element, by kind.
 
-Values of a resistor: ohms, tc1 and tc2 at the deck's nominal temperature.  Values of a voltage source: volts, and 1 if
-the source replaces an inductor.  Values of a nonlinear resistor: amperes and volts.  Values of a switch: on and off
-resistance in ohms, the control voltages at which the switch is on and off, and the state between these voltages (1 on,
-0 off).
+Values of a resistor: ohms, tc1 (1/K) and tc2 (1/K^2) at the deck's nominal temperature.  Values of a voltage source:
+volts, and 1 if the source replaces an inductor, else 0.  Values of a nonlinear resistor: I0 in amperes and V0 in volts
+of the current ``I0 tanh(V / V0)``.  Values of a switch: on and off resistance in ohms, the control voltages in volts beyond
+which the switch is on and off, and the state between these voltages (1 on, 0 off, NaN neither).
 """
 
 RESISTIVE = {"resistor": 1, "switch": 2}
-"""Number of values, counted from the first, that are divided by the multiplier ``m=`` (number of parallel elements).
+"""Number of leading values of an element that are divided by the multiplier ``m=`` (number of parallel elements).
 
-The keys are kinds of element.  In other kinds, the first value is multiplied by the multiplier; voltage sources ignore
-the multiplier.
+The keys are kinds of element; the values are resistances.  In other kinds, the first value is multiplied by the
+multiplier, except in voltage sources, which ignore the multiplier.
 """
 
 
@@ -39,9 +39,9 @@ the multiplier.
 class NodeTable:
     """Node numbers of a block (the deck or a subcircuit) by name, regardless of case.
 
-    A node keeps the spelling of its first use.  `grounds`: names of ground in lower case; `exact`: whether the dialect
-    is case-sensitive; `clashes`: names that differ from earlier ones only by case in a case-sensitive dialect; `names`:
-    names of the nodes by number; `aliases`: names of ground, other than ``0``, that the block uses.
+    A node keeps the spelling of its first use in the deck.  `grounds`: names of ground in lower case; `exact`: whether
+    the dialect is case-sensitive; `clashes`: names that differ from earlier ones only by case, collected if `exact`;
+    `names`: names of the nodes by number; `aliases`: names of ground, other than ``0``, that the block uses.
     """
 
     grounds: frozenset[str]
@@ -168,7 +168,7 @@ def order_of(place: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 Row = tuple[str, tuple[int, ...], tuple[float, ...], tuple[int, int]]
-"""Name, node numbers, values, and (file, line) of one element."""
+"""Name, node numbers, values, and place (index of the file, line) of one element."""
 
 
 @dataclass(eq=False)
