@@ -330,7 +330,10 @@ class Collector:
             self._including.pop()
 
     def _note_library(self, card: Card, form: str) -> None:
-        """Add a warning about a ``.lib`` card if the dialect's simulator stops at its form; `form`: text for the form."""
+        """Add a warning that the dialect's simulator stops at a form of ``.lib`` card, in dialects where this is so.
+
+        `form`: text for the form of `card`, such as "without the name of a section".
+        """
         if card.rules.refusals.loose_libraries:
             text = f"{card.rules.name} stops at .lib {form}"
             self.contents.diagnostics.refuse(card.spot(), text)

@@ -98,7 +98,7 @@ class Diagnostics:
         self._notes[severity, text] = (first, seen + count)
 
     def notes(self) -> tuple[Note, ...]:
-        """Return all notes in the order of their first occurrence; equal notes are one note that states their number."""
+        """Return all notes in the order of their first occurrence; equal notes are one note with their number."""
         return tuple(
             Note(
                 severity,

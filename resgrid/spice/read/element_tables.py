@@ -23,8 +23,8 @@ WIDTHS = {
 
 Values of a resistor: ohms, tc1 (1/K) and tc2 (1/K^2) at the deck's nominal temperature.  Values of a voltage source:
 volts, and 1 if the source replaces an inductor, else 0.  Values of a nonlinear resistor: I0 in amperes and V0 in volts
-of the current ``I0 tanh(V / V0)``.  Values of a switch: on and off resistance in ohms, the control voltages in volts beyond
-which the switch is on and off, and the state between these voltages (1 on, 0 off, NaN neither).
+of the current ``I0 tanh(V / V0)``.  Values of a switch: on and off resistance in ohms, the control voltages in volts
+beyond which the switch is on and off, and the state between these voltages (1 on, 0 off, NaN neither).
 """
 
 RESISTIVE = {"resistor": 1, "switch": 2}
