@@ -86,7 +86,7 @@ class Element:
 
 
 def letter_of(card: Card, block: Block) -> str:
-    """Return the letter of an element's kind in SPICE, such as "r"; "x": instance; `block`: contains the element."""
+    """Return an element's SPICE letter, such as "r" or "x" (instance); `block`: deck or subcircuit of `card`."""
     return spectre.letter_of(card, block) if card.rules.instances else card.text[0].lower()
 
 

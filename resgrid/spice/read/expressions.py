@@ -259,7 +259,7 @@ class _Reader:
         return -value if sign.text == "-" else value
 
     def _refuse_misread(self, sign: _Token) -> None:
-        """Raise ExpressionError unless `sign` is a minus, after an operator but not ``!``, before a number, no power."""
+        """Raise ExpressionError unless `sign` is a minus before a plain number and not after ``!``."""
         number, after = (self.tokens[min(self.position + i, len(self.tokens) - 1)] for i in (1, 2))
         is_plain = number.kind == "number" and after.text not in _POWERS
         if sign.text == "+" or not is_plain or self.tokens[self.position - 1].text == "!":

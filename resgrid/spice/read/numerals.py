@@ -30,8 +30,8 @@ class Numeral(NamedTuple):
 def parse_numeral(text: str, rules: ReadingRules, *, computed: bool = False) -> Numeral | str | None:
     """Return the value of a numeral with suffix and unit; an error message if it is ambiguous; None for other text.
 
-    The error message is a str.  `rules`: reading rules of the dialect; `computed`: whether the numeral is part of an expression, where some dialects
-    read the suffix ``mil`` as milli, so that this suffix is ambiguous.
+    The error message is a str.  `rules`: reading rules of the dialect; `computed`: whether the numeral is part of an
+    expression, where some dialects read the suffix ``mil`` as milli, so that this suffix is ambiguous.
 
     Examples
     --------

@@ -82,7 +82,8 @@ def statement_of(card: Card) -> str:
 def command_of(card: Card, dot: str) -> str:
     """Return the name of a card's command as the card writes it: in Spectre the keyword or the master, else `dot`.
 
-    `dot`: the dot command of SPICE.  A master is the last word before the parameters, such as the kind of an analysis.
+    `dot`: the equivalent dot command of SPICE.  The master of a Spectre statement is the last word before its
+    parameters, such as the kind of an analysis.
     """
     words = words_of(card)
     if not card.rules.instances or not words:
@@ -93,7 +94,8 @@ def command_of(card: Card, dot: str) -> str:
 def letter_of(card: Card, block: Block) -> str:
     """Return the letter of the SPICE element that is equivalent to a Spectre instance, "x" for a subcircuit.
 
-    `block`: the deck or subcircuit that contains the card, whose models may define the instance's kind.
+    The kind of the instance may be the name of a model.  `card`: the instance; `block`: the deck or subcircuit that
+    contains the card, and perhaps the model.  Raises CardError for a model of a kind that cannot be read.
     """
     master = (words_of(card) or [""])[-1]
     model = block.model(master.lower())
