@@ -281,7 +281,7 @@ class Circuit:
         return f"{self.files[file]}:{line}"
 
     def place_of_nodes(self, nodes: NDArray[np.integer[Any]]) -> str:
-        """Return ``file:line`` of the first element at `nodes` of a deck; for a netlist, at most 5 cells or names."""
+        """Return ``file:line`` of the first element at `nodes`; for a netlist, at most 5 of their cells or names."""
         if self.given is None:
             return next((f"{self.files[file]}:{line}" for file, line in self.places_at(nodes).tolist()), self.path)
         found = self.given.space_map

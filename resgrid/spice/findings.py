@@ -80,7 +80,7 @@ class Violation:
     remedy : str
         Sentence that states the correction.
     nodes : tuple of str
-        Names of the nodes concerned, at most the first thousand; empty if the rule concerns elements only.
+        Names of the nodes concerned, at most the first thousand; may be empty for rules on values and on names.
 
     Examples
     --------

@@ -152,7 +152,7 @@ def check_deck(
 
 
 def _refuse_for_memristors(reference: OperatingPoint | None, engine: str) -> None:
-    """Raise InputError if `reference` is given or `engine` is not ngspice, for the check of a deck with memristors."""
+    """Raise InputError, for a deck with memristors, if `reference` is not None or `engine` is not "ngspice"."""
     if reference is not None:
         raise InputError(
             "a deck with memristors is compared with the transient in its sidecar, not with an operating point; leave "

@@ -79,7 +79,7 @@ def first_difference(
 
 
 def _are_small(files: list[Path]) -> bool:
-    """Return whether the files exist and have at most `_MOST_BYTES` bytes together."""
+    """Return whether there is a file, and all files exist and have at most 20 MB (`_MOST_BYTES`) together."""
     try:
         return bool(files) and sum(file.stat().st_size for file in files) <= _MOST_BYTES
     except OSError:

@@ -52,8 +52,9 @@ def singularity(circuit: Circuit) -> Singular:
 def _part_singularity(circuit: Circuit, nodes: NDArray[np.int64]) -> Singular:
     """Return whether ngspice meets a zero pivot in the elimination of a floating component: "yes", "no" or "unknown".
 
-    "unknown" means that the pivot depends on ngspice's order of summation, or that the component has more than two
-    nodes, a source or a nonlinear resistor.  `nodes` (n,): node numbers of the component.
+    "unknown" means that the pivot depends on ngspice's order of summation, that the component has a nonlinear resistor,
+    or that it has resistors and also a voltage source or more than two nodes.  `nodes` (n,): numbers of the nodes of
+    the component.
     """
     inside = {kind: np.isin(ends, nodes).all(axis=1) for kind, ends in circuit.ends.items()}
     if inside["nonlinear resistor"].any():

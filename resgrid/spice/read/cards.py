@@ -155,7 +155,7 @@ _DOLLAR = re.compile(r"(?:^|[\s,])\$")
 
 
 def strip_comment(line: str, rules: ReadingRules) -> str:
-    """Return a line without its comment; `rules`: reading rules of the dialect.
+    """Return a line without its comment, empty for a line that is a comment; `rules`: reading rules of the dialect.
 
     Examples
     --------
@@ -181,7 +181,7 @@ class Token(NamedTuple):
     """A token of a card.
 
     `kind`: "word", "mark" (``=``, ``(`` or ``)``), "expression" (in braces or single quotes) or "string" (in double
-    quotes); `text`: its characters without quotes or braces; `offset`: position in the text of the card.
+    quotes); `text`: characters of the token without quotes or braces; `offset`: position in the text of the card.
     """
 
     kind: str
@@ -225,8 +225,8 @@ def without_parentheses(tokens: Iterable[Token]) -> list[Token]:
 class Setting(NamedTuple):
     """A ``key=value`` pair of a card.
 
-    `key`: the key in lower case; `offset`: position of the key in the text of the card; `values`: one or several
-    values.
+    `key`: the key in lower case; `offset`: position of the key in the text of the card; `values`: tokens of one or
+    several values.
     """
 
     key: str
@@ -287,7 +287,7 @@ def _unquoted_settings(card: Card, tokens: list[Token]) -> list[Setting]:
 
 
 def _begins_pair(tokens: list[Token], i: int) -> bool:
-    """Return whether ``tokens[i]`` is a key, which means that the next token is ``=``."""
+    """Return whether the token after ``tokens[i]`` is ``=``, so that ``tokens[i]`` may be a key."""
     return i + 1 < len(tokens) and tokens[i + 1].is_mark("=")
 
 

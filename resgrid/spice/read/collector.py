@@ -103,8 +103,8 @@ class Collector:
     def _note_encoding(self, source: SourceFile, *, begins: bool) -> None:
         """Add warnings about encodings, line ends and comments that the dialect's simulator treats differently.
 
-        `source`: the file to examine; `begins`: whether its first line is read, so that a byte order mark there is
-        reported; False for a file whose first line is a title or is skipped.
+        `source`: the file to examine; `begins`: True for an included file whose first line is read, where a byte order
+        mark is reported; False for the deck's own file, or if the first line of an included file is skipped.
         """
         rules = self.contents.rules
         harmless = set[str]() if begins else {"bom"}
@@ -244,7 +244,7 @@ class Collector:
         return ""
 
     def _note(self, card: Card, word: str) -> None:
-        """Add a note that a command is ignored; raise CardError for one that changes the operating point or is unknown.
+        """Add a note that a command is ignored; raise CardError for conditions, stray ends of blocks, unknown commands.
 
         `card`: the card of the command; `word`: the command in lower case.
         """

@@ -26,7 +26,7 @@ _HEAD = 4096
 """Number of bytes at the beginning of a sidecar that are searched for the name of the dialect."""
 
 _LOOKED_AT = 65536
-"""Number of bytes at the beginning and at the end of a deck that are searched for signs of its dialect."""
+"""Number of bytes at the beginning, and at the end, of a deck that are searched for text of one dialect only."""
 
 _STATED = re.compile(rb'"dialect": "([a-z]+)"')
 

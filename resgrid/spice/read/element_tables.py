@@ -135,13 +135,13 @@ class NodeTable:
 
 @dataclass(frozen=True, eq=False)
 class ElementArrays:
-    """Elements of one kind as arrays.
+    """Arrays of n elements of one kind.
 
-    `names`: function that returns the names of the elements; `nodes` (n, nodes): node numbers; `values` (n, values), or
-    (n, 1) if all values but the first are zero, in the columns that `WIDTHS` lists; `place` (n, 2): index of the file,
-    and line of the element's card; `order` (n,): position in the deck (file index times ``2**40`` plus line number) of
-    the outermost instance that contains the element, or of the element itself; None if all elements are outside
-    instances and sorted.
+    `names`: function that returns the names of the elements; `nodes` (n, nodes per element): node numbers; `values` (n,
+    values per element), such as ohms, tc1 and tc2 of resistors, or (n, 1) if all but the first are zero (`WIDTHS` lists
+    the columns); `place` (n, 2): index of the file, and line of the element's card; `order` (n,): position in the deck
+    (file index times ``2**40`` plus line number) of the outermost instance that contains the element, or of the element
+    itself; None if all elements are outside instances and sorted.
     """
 
     names: Callable[[], list[str]]
@@ -191,8 +191,8 @@ class Elements:
     def add(self, kind: str, name: str, nodes: Iterable[str], values: tuple[float, ...], card: Card) -> None:
         """Add one element to `rows`, and its nodes to `nodes` if they are new.
 
-        `kind`: kind of element, a key of `WIDTHS`; `name`: name of the element; `nodes`: names of the nodes; `values`:
-        values in the columns of `WIDTHS`; `card`: the card (statement of the deck) of the element.
+        `kind`: kind of element, such as "resistor"; `name`: name of the element; `nodes`: names of the nodes; `values`:
+        values of this kind, such as ohms, tc1 and tc2 (`WIDTHS` lists them); `card`: the element's card (statement).
         """
         number_of, order = self.nodes.number_of, card.file << 40 | card.line
         self.rows[kind].append(
@@ -247,7 +247,7 @@ def widened(kind: str, values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _sorted(part: ElementArrays) -> ElementArrays:
-    """Return the elements `part`, sorted by their positions in the deck (`ElementArrays.ordered`)."""
+    """Return the elements `part`, sorted by position in the deck: index of the file, then line."""
     if part.order is None or np.all(part.order[1:] >= part.order[:-1]):
         return part
     order = np.argsort(part.order, kind="stable")

@@ -222,7 +222,7 @@ class _Reader:
         self.position += 1
 
     def _binary(self, level: int) -> float:
-        """Consume operands and operators of precedence `level` (1 weakest, 5 tightest) or more; return their value."""
+        """Consume operands and operators of precedence at least `level` (1 weakest, 5 tightest); return the value."""
         left = self._signed()
         while self._now.text in _BINARY and level <= _BINARY[self._now.text][0]:
             token = self._now

@@ -126,7 +126,7 @@ def resolve(path: Path, name: str) -> Path:
 
 
 def deck_bytes(path: Path, name: str) -> bytes:
-    """Return the content of a regular file; raise InputError for other paths and for more than `MAX_BYTES` bytes.
+    """Return the content of a regular file; raise InputError for other paths and above about 2 GB (`MAX_BYTES`).
 
     `name`: name of the file in messages.
     """

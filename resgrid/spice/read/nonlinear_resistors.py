@@ -1,4 +1,4 @@
-"""Reader of nonlinear resistors, which dialects write as behavioural sources."""
+"""Reader of nonlinear resistors ``I = I0 tanh(V / V0)``, which are behavioural sources in decks."""
 
 from __future__ import annotations
 

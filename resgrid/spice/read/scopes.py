@@ -163,15 +163,15 @@ class BuiltIns:
         return None
 
     def _refuse_redefined(self, name: str, scope: Scope, meaning: str) -> None:
-        """Raise ReservedNameError if the deck defines `name`; `meaning`: its use in the dialect, for the message."""
+        """Raise ReservedNameError if the deck defines `name`; `meaning`: that of the name in the dialect, as text."""
         if scope.defines(name):
             text = f"{self.label} takes {name!r} for {meaning} even if the deck defines it: rename the parameter"
             raise ReservedNameError(text)
 
     def _celsius(self, name: str, scope: Scope) -> float:
-        """Return the simulation or nominal temperature, in degrees Celsius, and record that it was used.
+        """Return the simulation or nominal temperature, in degrees Celsius; record the use of the former.
 
-        `name`: a name of one of the two temperatures.
+        `name`: reserved name of one of the two temperatures.
         """
         kind = "nominal" if name in self.words.nominal else "temperature"
         self.use.used |= kind == "temperature"

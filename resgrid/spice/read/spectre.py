@@ -1,4 +1,7 @@
-"""Syntax of Spectre that differs from SPICE: statements begin with keywords, elements are instances of masters."""
+"""Syntax of Spectre that differs from SPICE: statements begin with keywords, elements are instances of masters.
+
+A master is a primitive such as ``resistor``, a model or a subcircuit; its name follows the nodes of the instance.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,7 @@ PRIMITIVES = {
     "bsource": "b",
     "iprobe": "v",
 }
-"""Letter of the SPICE element that is equivalent to a Spectre primitive; other primitives cannot be read."""
+"""Letter of the equivalent SPICE element, by the name of a Spectre primitive; other primitives cannot be read."""
 
 STATEMENTS = {
     "subckt": ".subckt",

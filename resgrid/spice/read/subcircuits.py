@@ -84,7 +84,7 @@ class Expander:
         return Elements(nodes, self.nominal, self.heating)
 
     def fill(self, scope: Scope, elements: Elements, cards: Iterable[Card]) -> None:
-        """Add the elements of `cards`, instances expanded, to `elements`; `scope`: gives values, and receives errors."""
+        """Add the elements of `cards`, instances expanded, to `elements`; `scope`: gives values and collects errors."""
         groups: dict[FlatSubcircuit, list[tuple[Instance, float]]] = {}
         names: set[str] = set()
         for card in cards:
@@ -143,7 +143,7 @@ class Expander:
             )
 
     def _size(self, block: Block, path: list[Block]) -> int:
-        """Return the number of elements of an expanded block; `path`: blocks whose instances led here, deck first."""
+        """Return the number of elements of `block` after expansion; `path`: the blocks that contain it, deck first."""
         if block in self._sizes:
             return self._sizes[block]
         count = 0
@@ -195,7 +195,7 @@ class Expander:
         return instance
 
     def _given(self, instance: Instance, scope: Scope) -> tuple[dict[str, float], float]:
-        """Return the parameter values that an instance passes, by name, and its multiplier (number of copies)."""
+        """Return the values that an instance passes to parameters, by name, and its multiplier (number of copies)."""
         rules, block = instance.card.rules, instance.block
         given: dict[str, float] = {}
         factor = 1.0

@@ -40,8 +40,9 @@ class SourceValue:
 def source_value(card: Card, tokens: list[Token], scope: Scope) -> SourceValue:
     """Return the value of an independent source at direct current, its multiplier and its series resistance.
 
-    The value is the number with or without ``DC``; if it is missing, the value of the waveform at time 0; otherwise 0.
-    `tokens`: tokens of the card after the nodes; `scope`: parameter values for expressions.
+    The value is the number with or without ``DC``; without such a number, the value of the waveform at time 0; without
+    a waveform, 0.  `card`: the card of the source; `tokens`: tokens of the card after the nodes; `scope`: parameter
+    values for expressions.
     """
     rest, keys = tokens[::-1], dict[str, float]()
     value: float | None = None
