@@ -163,13 +163,13 @@ class BuiltIns:
         return None
 
     def _refuse_redefined(self, name: str, scope: Scope, meaning: str) -> None:
-        """Raise ReservedNameError if the deck defines `name`; `meaning`: that of the name in the dialect, as text."""
+        """Raise ReservedNameError if the deck defines `name`; `meaning`: meaning of the name in the dialect, a text."""
         if scope.defines(name):
             text = f"{self.label} takes {name!r} for {meaning} even if the deck defines it: rename the parameter"
             raise ReservedNameError(text)
 
     def _celsius(self, name: str, scope: Scope) -> float:
-        """Return the simulation or nominal temperature, in degrees Celsius; record the use of the former.
+        """Return the simulation or nominal temperature, in degrees Celsius; record that the simulation one is used.
 
         `name`: reserved name of one of the two temperatures.
         """

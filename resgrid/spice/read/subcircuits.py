@@ -221,7 +221,7 @@ class Expander:
     ) -> float:
         """Return the value that an instance passes to one parameter; add the names in its expression to `names`.
 
-        `setting`: the parameter; `scope`: values outside; `given`: values evaluated before, by name.
+        `setting`: the parameter; `scope`: scope around the instance; `given`: values evaluated before, by name.
         """
         inner: list[Scope] = []
 
@@ -293,7 +293,7 @@ class Expander:
     def _refuse_multiplier(self, instance: Instance, setting: Setting, scope: Scope, factor: float) -> None:
         """Raise CardError if the dialect's simulator does not take ``m=`` of an instance for the number of copies.
 
-        `setting`: the pair ``m=value``; `factor`: its value; `scope`: scope that contains the instance.
+        `setting`: the pair ``m=value``; `factor`: the value of ``m=``; `scope`: scope that contains the instance.
         """
         dialect = instance.card.rules.name
         texts = [card.text for card in instance.block.cards]
