@@ -1,4 +1,6 @@
-"""Types of analyses (transient, noise, temperature, mismatch, probes) that `write_spice` requests in a deck.
+"""Requests to a simulator that `write_spice` writes for a deck: analyses, probes (saved results) and measurements.
+
+The analyses are operating point, transient, noise, several temperatures, and mismatch of the resistors.
 
 >>> netlist = rg.compile_space(rg.build_space(rg.read_scene("examples/scenes/lesson.toml")))
 >>> asked = [rg.spice.analyses.OperatingAnalysis(), rg.spice.analyses.Probe(nodes=("n_0_0",))]
@@ -23,7 +25,7 @@ from resgrid.errors import InputError
 @checked
 @dataclass(frozen=True)
 class OperatingAnalysis:
-    """Request for the operating point, the analysis of a deck for which no other analysis is requested.
+    """Request for the operating point, which is also the only analysis if `write_spice` gets no request.
 
     Examples
     --------
@@ -42,7 +44,7 @@ class OperatingAnalysis:
 @checked
 @dataclass(frozen=True, eq=False)
 class TransientAnalysis:
-    """Transient analysis of the voltages, which starts from the operating point of the deck.
+    """Request for the node voltages over time, from the operating point of the deck at time 0.
 
     Attributes
     ----------
@@ -50,10 +52,11 @@ class TransientAnalysis:
         End of the transient, in seconds.
     step : float
         Largest time step, in seconds.  From time 0 to `step`, the values of the elements change linearly from those of
-        the deck to those of `after`.
+        the deck to those of `after`; later they are those of `after`.
     after : Netlist or None
         Circuit after the change, which has the nodes and elements of the deck with other values; None for no change.
-        In tile form it may be a different scene on the same grid; in flat form, the supply, drive or switches differ.
+        In tile form (``form="cells"`` of `write_spice`) it may be a different scene on the same grid; in flat form,
+        supply, drive or switch states may differ.
 
     Raises
     ------
@@ -81,12 +84,14 @@ class TransientAnalysis:
 @checked
 @dataclass(frozen=True)
 class NoiseAnalysis:
-    """Spectral density of the noise voltage at a node, over a band of frequencies.
+    """Request for the spectral density of the noise voltage at a node, over a band of frequencies.
+
+    The input of the analysis is the voltage source of the deck with the lowest index in the netlist.
 
     Attributes
     ----------
     node : str
-        Name of the node in the deck.
+        Name, in the deck, of the node with the noise voltage (the output).
     start, stop : float
         Limits of the frequency band, in hertz.
     points : int
@@ -121,12 +126,12 @@ class NoiseAnalysis:
 @checked
 @dataclass(frozen=True)
 class TemperatureAnalysis:
-    """Operating points of the circuit at several temperatures.
+    """Request for the operating points of the circuit at several temperatures.
 
     Attributes
     ----------
     celsius : tuple of float
-        Temperatures in degrees Celsius; the nominal temperature, at which the values of the deck apply, is 27.
+        Temperatures in degrees Celsius.  The nominal temperature, at which the values of the deck apply, is 27.
 
     Raises
     ------
@@ -153,18 +158,18 @@ class TemperatureAnalysis:
 @checked
 @dataclass(frozen=True)
 class MismatchAnalysis:
-    """Independent random deviations of the resistors, for one chip or for a Monte Carlo run of the simulator.
+    """Request for independent random deviations of the resistances, for one chip or a Monte Carlo run of many chips.
 
     Attributes
     ----------
     sigma : float
         Standard deviation of a resistance, as a fraction of its mean.
     seed : int
-        Seed of the random numbers.  For one chip the factors are log-normal with mean 1, and equal to those of a scene
-        with this seed and ``chip.mismatch = sigma``.
+        Seed of the random numbers.  With ``runs = 0`` the factors are log-normal with mean 1, and equal to those of a
+        scene with this seed and ``chip.mismatch = sigma``.  Otherwise the simulator gets the seed, except LTspice.
     runs : int
-        Number of chips for which the simulator draws normally distributed resistances; 0 writes the values of one chip
-        into the deck.
+        Number of chips for which the simulator draws normally distributed resistances; with 0, resgrid draws the
+        resistances of one chip and writes them into the deck.
 
     Raises
     ------
@@ -209,13 +214,14 @@ class MismatchAnalysis:
         Returns
         -------
         ndarray of float64, shape (n,)
-            Log-normal factors with mean 1, one per site of a resistor.  The sites of a grid are all its faces between
-            cells, then with a leak all cells; those of a netlist without cells are its resistors.
+            Log-normal factors with mean 1, one per site (position of a resistor).  The sites of a grid are all its
+            faces between cells, then with a leak all cells; those of a netlist without cells are its resistors, then
+            its nonlinear resistors.
         """
         return random_sites.mismatch_factors(random_sites.site_count(netlist), self.sigma, self.seed)
 
     def apply(self, netlist: Netlist) -> Netlist:
-        """Return the netlist of the chip that belongs to `seed`.
+        """Return the netlist of the chip whose random resistances are drawn with the seed `seed`.
 
         Parameters
         ----------
@@ -225,8 +231,8 @@ class MismatchAnalysis:
         Returns
         -------
         Netlist
-            Copy of the netlist in which the resistances of the grid are multiplied by the factors of their sites (see
-            `factors`); switches and rail segments are unchanged.
+            Copy of the netlist in which the resistances between cells, and those of a leak, are multiplied by the
+            random factors that `factors` returns; switches and rail segments are unchanged.
         """
         return random_sites.scale_resistances(netlist, self.factors(netlist))
 
@@ -234,7 +240,7 @@ class MismatchAnalysis:
 @checked
 @dataclass(frozen=True)
 class Probe:
-    """Voltages and currents that the simulator saves in every analysis.
+    """Request to save only these voltages and currents; without a `Probe` the simulator saves all voltages.
 
     Attributes
     ----------
@@ -268,7 +274,7 @@ class Probe:
 @checked
 @dataclass(frozen=True)
 class Measure:
-    """A number that the simulator computes from a transient.
+    """Request for a number that the simulator computes from a transient, which a `TransientAnalysis` must request.
 
     Attributes
     ----------
@@ -331,6 +337,6 @@ def kind_of(analysis: Analysis) -> str:
     Returns
     -------
     str
-        Name of its class in lower case, without ``Analysis``.
+        Name of the class of `analysis` in lower case, without ``Analysis``.
     """
     return type(analysis).__name__.removesuffix("Analysis").lower()

@@ -22,10 +22,10 @@ KINDS = tuple(ARRAYS)
 """Kinds of element of a netlist: resistor, voltage source, current source, capacitor and nonlinear resistor."""
 
 TOLERANCE = 1e-9
-"""Default limit on errors of a simulation, as a fraction of the scale of the error.
+"""Default limit on the difference between a simulated and an expected value, as a fraction of a scale.
 
-The scale is the largest voltage difference V in the circuit for voltages, and the largest source current for source
-currents, but at least ``1e-3 G V`` with the largest conductance G.
+The scale of voltages is V, the largest voltage difference between nodes of the circuit.  The scale of source currents
+is the largest source current, but at least ``1e-3 G V`` with the largest conductance G.
 """
 
 SHOWN = 5
@@ -61,7 +61,7 @@ class Circuit:
     node_names : sequence of str
         Ground, ``"0"``, first, then the nodes in the order of their first use; empty for a netlist without names.
     resistor_nodes, resistance : ndarray, shapes (m, 2) and (m,)
-        Resistors: nodes, and ohms at the nominal temperature with multipliers ``m=`` applied; signs as written.
+        Resistors: nodes, and ohms at the nominal temperature, divided by the multiplier ``m=``; may be negative or 0.
     source_nodes, source_volts : ndarray, shapes (s, 2) and (s,)
         Voltage sources: nodes (plus, minus) and volts at direct current.  Inductors are sources of 0 V.
     is_inductor : ndarray of bool, shape (s,)
@@ -71,7 +71,8 @@ class Circuit:
     capacitor_nodes, capacitance : ndarray, shapes (k, 2) and (k,)
         Capacitors in farads, which are open at direct current.
     nonlinear_nodes, nonlinear_current, nonlinear_voltage : ndarray, shapes (n, 2), (n,) and (n,)
-        Nonlinear resistors with the current ``nonlinear_current * tanh(V / nonlinear_voltage)``, in amperes and volts.
+        Nonlinear resistors with the current ``nonlinear_current * tanh(V / nonlinear_voltage)`` from the first node to
+        the second, in amperes, where V is the voltage of the first node minus that of the second, in volts.
     element_names : mapping of str to tuple of str
         For each kind of element (``"resistor"``, ...) the names of its elements; a kind without names is absent.
     place : mapping of str to ndarray of int64, shape (elements, 2)
@@ -83,11 +84,11 @@ class Circuit:
     tc1, tc2 : ndarray of float64, shape (m,), or None
         Temperature coefficients of the resistors, in 1/K and 1/K^2; None if all are 0.
     temperature, nominal_temperature : float or None
-        Temperatures that the deck states, in degrees Celsius; None for one that it does not state.
+        Simulation and nominal temperature that the deck states, in degrees Celsius; None where it states none.
     options : mapping of str to str
         Values of ``.option`` by key in lower case; a flag has the value ``""``.
     subcircuits : tuple of str
-        Names of the subcircuits with instances.
+        Names of the subcircuits of which the deck has an instance.
     given : Netlist or None
         The netlist that the circuit was made of; None if it was read from a deck.
     is_deck : bool
@@ -101,11 +102,11 @@ class Circuit:
     is_floating : ndarray of bool, shape (nodes,)
         Whether a node has no conducting path to ground.
     degree : ndarray of int64, shape (nodes,)
-        Number of element ends at every node.
+        Number of element ends at every node, capacitors and current sources included.
     trapped_sources : ndarray of int64, shape (n,)
-        Indices of the current sources between two connected components, whose current has no return path.
+        Indices of the nonzero current sources between two connected components, whose current has no return path.
     heating : float
-        Temperature of the deck minus its nominal temperature, in kelvin.
+        Simulation temperature minus nominal temperature, in kelvin.
 
     Examples
     --------
@@ -280,7 +281,7 @@ class Circuit:
         return f"{self.files[file]}:{line}"
 
     def place_of_nodes(self, nodes: NDArray[np.integer[Any]]) -> str:
-        """Return ``file:line`` of the first element at `nodes` of a deck; for a netlist, at most 5 cells or names."""
+        """Return ``file:line`` of the first element at `nodes`; for a netlist, at most 5 of their cells or names."""
         if self.given is None:
             return next((f"{self.files[file]}:{line}" for file, line in self.places_at(nodes).tolist()), self.path)
         found = self.given.space_map
@@ -300,7 +301,7 @@ class Circuit:
 
     @property
     def heating(self) -> float:
-        """Temperature minus nominal temperature, in kelvin, each by default the dialect's nominal temperature."""
+        """Simulation minus nominal temperature, in kelvin; if not stated, either is the dialect's nominal default."""
         usual = DIALECTS[self.dialect].nominal_temperature if self.dialect in DIALECTS else _NOMINAL_TEMPERATURE
         nominal = usual if self.nominal_temperature is None else self.nominal_temperature
         return (usual if self.temperature is None else self.temperature) - nominal
@@ -317,8 +318,8 @@ class Circuit:
         Raises
         ------
         InputError
-            If a resistance is negative at the temperature of the deck, or so small that its conductance overflows; the
-            message names file and line.
+            If a resistance is negative or not finite at the temperature of the deck, or so small that its conductance
+            overflows; the message names file and line.
         """
         if self.given is not None:
             return self.given

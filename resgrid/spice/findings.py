@@ -8,7 +8,7 @@ from typing import Literal
 Severity = Literal["error", "warning", "info"]
 
 SEVERITIES: tuple[Severity, ...] = ("error", "warning", "info")
-"""All severities of notes and violations, the most severe first; a note of the deck reader is never an error."""
+"""All severities of notes and violations, the most severe first; a note of the deck reader never has "error"."""
 
 
 @dataclass(frozen=True)
@@ -23,14 +23,14 @@ class Note:
         ``"warning"`` for text that simulators read differently, or a probable mistake; ``"info"`` for the rest.  The
         deck reader makes no note of severity ``"error"``: an error ends the reading with an exception.
     file : str
-        Name of the file for messages.
+        Name of the file, as messages show it.
     line, column : int
         Position, counted from 1; column 0 means the whole line.
     text : str
         The remark.
     outcome : {"", "fails", "unsure"}
-        Consequence in the simulator of the dialect: ``""`` none, ``"fails"`` no result, ``"unsure"`` perhaps a
-        different result.
+        Consequence of the text in the simulator of the deck's dialect: ``"fails"`` for no result, ``"unsure"`` for
+        perhaps another result than that of resgrid, ``""`` for none of these.
     place : str
         ``file:line``, or ``file:line:column`` if the column is not 0.
 
@@ -80,7 +80,7 @@ class Violation:
     remedy : str
         Sentence that states the correction.
     nodes : tuple of str
-        Names of the nodes concerned, at most the first thousand; empty if the rule concerns elements only.
+        Names of the nodes concerned, at most the first thousand; may be empty for rules on values and on names.
 
     Examples
     --------

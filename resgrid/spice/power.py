@@ -1,4 +1,4 @@
-"""Power balance and IR drop of an operating point."""
+"""Power balance and IR drop (voltage lost between supply and node) of an operating point."""
 
 from __future__ import annotations
 
@@ -27,7 +27,8 @@ class PowerBalance:
         Power that every voltage source delivers, in watts; 0 for a source of 0 V; NaN if its current is undetermined
         (in a loop of voltage sources).
     current_source_power : ndarray of float64, shape (current sources,)
-        Power that every current source delivers, in watts; NaN if the source is connected to a floating node.
+        Power that every current source delivers, in watts; 0 for a source of 0 A, otherwise NaN if the source is
+        connected to a floating node (a node without a conducting path to ground).
     resistor_power : ndarray of float64, shape (resistors,)
         Power that every resistor dissipates, in watts.
     nonlinear_power : ndarray of float64, shape (nonlinear resistors,)
@@ -111,9 +112,9 @@ def power_balance(op: OperatingPoint) -> PowerBalance:
 class IrDrop:
     """Voltage drop of every node from its supply.
 
-    Returned by `resgrid.spice.ir_drop`.  A net is a set of nodes that resistors and sources of 0 V connect without
-    ground.  The supply of a net is the source voltage at one of its nodes that is farthest from 0 V, or 0 V without a
-    source.
+    Returned by `resgrid.spice.ir_drop`.  A net is a set of nodes that resistors, nonlinear resistors and sources of 0 V
+    connect, where paths through ground do not count.  The supply of a net is the voltage, of those of its nodes that
+    voltage sources tie to ground, that is farthest from 0 V; without such a node the supply is 0 V.
 
     Attributes
     ----------
@@ -156,7 +157,7 @@ class IrDrop:
 
 
 def ir_drop(op: OperatingPoint) -> IrDrop:
-    """Compute the supply of every node, and its voltage drop from the supply.
+    """Compute the supply of every node, and the voltage drop of the node from its supply.
 
     Parameters
     ----------
@@ -166,7 +167,7 @@ def ir_drop(op: OperatingPoint) -> IrDrop:
     Returns
     -------
     IrDrop
-        Supply of every node, and drop of its voltage below the supply.
+        For every node: voltage of its supply, and supply minus node voltage, both in volts.
 
     Examples
     --------

@@ -36,17 +36,18 @@ class Agreement:
         Largest magnitude, over the nodes, of the difference between simulated and expected voltage, in volts; None if
         nothing could be compared.
     max_relative_error : float or None
-        ``max_abs_error`` relative to the supply (the largest voltage difference in the circuit); for a deck with
-        memristors, or the largest error of a state (0 to 1) if that is more.
+        ``max_abs_error`` divided by the supply (the largest voltage difference in the circuit); None if nothing could
+        be compared.  For a deck with memristors: the larger of this value and the largest error of a state (0 to 1).
     nodes : int
-        Number of nodes compared.
+        Number of nodes with a simulated and an expected voltage.
     simulator, version : str
         Simulator that was run, and its version.
     tolerance : float
-        Largest accepted error: of a voltage relative to the supply, of a source current relative to the largest one.
+        Largest accepted error: of a voltage relative to the supply; of a source current relative to the largest source
+        current, or to ``1e-3 G V`` if that is more (largest conductance ``G``, supply ``V``).
     findings : tuple of str
         Messages about differences above the tolerance (at most 5 nodes and 5 voltage sources), about names that only
-        one side has, about altered files, and of the simulator; empty if there are none.
+        one side has, and about altered files; then messages of the simulator.  Empty if there are none.
     worst : tuple of (str, float, float)
         Node, expected and simulated voltage in volts, for at most 5 nodes, the largest differences first; nodes without
         a difference are not listed.
@@ -90,10 +91,10 @@ def compare(
     findings: Sequence[str] = (),
     place_of: Callable[[str], str] = lambda _: "",
 ) -> Agreement:
-    """Return the comparison of simulated with expected voltages and currents.
+    """Return the comparison of simulated with expected node voltages and source currents.
 
     `expected`: expected values, and the scales of voltage and of current errors; `simulation`: result of the simulator;
-    `tolerance`: largest accepted error divided by its scale; `reference`: source of the expected values, "sidecar",
+    `tolerance`: largest accepted ratio of an error to its scale; `reference`: source of the expected values, "sidecar",
     "scene" or "solve" (solution by resgrid); `findings`: findings of earlier tests, which come first in the result;
     `place_of`: function that returns the place of a node in the deck (``file:line: ``, or empty) by the node's name.
     """

@@ -1,4 +1,7 @@
-"""Electrical rules on connectivity: ground, floating nodes, loops of voltage sources, dangling nodes."""
+"""Electrical rules on connectivity: ground, floating nodes, trapped currents, source loops, shorted and dangling ends.
+
+A floating node has no path of resistors, nonlinear resistors or voltage sources to ground.
+"""
 
 from __future__ import annotations
 
@@ -14,9 +17,9 @@ from resgrid.spice.circuit import CONDUCTING, SHOWN, Circuit, some
 from resgrid.spice.findings import Severity, Violation
 
 _MOST = 10
-"""Maximum number of floating components of a deck, and of contradictory loops, that each have a violation of their own.
+"""Maximum number of violations about floating components of a deck, and of violations about contradictory loops.
 
-Further floating components have one violation together; further contradictory loops are not reported.
+All further floating components have one more violation together; further contradictory loops are not reported.
 """
 
 
@@ -36,8 +39,8 @@ def islands(circuit: Circuit) -> Iterator[Violation]:
     """Yield a violation for each floating component, which no resistor or voltage source connects to ground.
 
     The violation is an error in a deck, and a warning for a netlist, because written decks omit floating nodes.  In a
-    deck, the nodes of components beyond the 10 with the most nodes are reported as one violation.  For a netlist there
-    are at most two violations: nodes in components that a capacitor touches, and other nodes.
+    deck, the 10 largest components have one violation each, and all others have one violation together.  For a netlist
+    there are at most two violations: one for floating nodes in components that a capacitor touches, one for the others.
     """
     floating = np.flatnonzero(circuit.is_floating)
     if not floating.size:
@@ -64,8 +67,8 @@ def _floating_violation(
 ) -> Violation:
     """Return the violation for floating nodes, an error in a deck and a warning in a netlist.
 
-    `nodes` (n,): node numbers; `by_capacitor`: whether a capacitor touches their component; `heading`: beginning of the
-    message.
+    `nodes` (n,): node numbers; `by_capacitor`: whether a capacitor touches the component of these nodes, so that the
+    rule is "capacitor node" and not "floating"; `heading`: text before the number of nodes in the message.
     """
     many = nodes.size > 1
     names = f" ({circuit.shown(nodes)})" if circuit.is_deck else ""
@@ -88,11 +91,11 @@ def _floating_violation(
 def _element_violation(
     circuit: Circuit, severity: Severity, rule: str, kind: str, numbers: NDArray[np.int64], message: str, remedy: str
 ) -> Violation:
-    """Return the violation for elements of one kind.
+    """Return one violation about several elements of one kind.
 
-    `severity`: "error", "warning" or "info"; `rule`: name of the violation; `kind`: kind of the elements; `numbers`
-    (n,): indices of the elements; `message`: text with the fields ``count``, ``s`` (plural ending) and ``names``;
-    `remedy`: the correction.
+    `severity`: "error", "warning" or "info"; `rule`: name of the violated rule; `kind`: kind of the elements, such as
+    "resistor"; `numbers` (n,): indices of the elements; `message`: template with the fields ``count`` (number of
+    elements), ``s`` (plural ending) and ``names`` (of the first 5 elements); `remedy`: the correction.
     """
     nodes = np.unique(circuit.ends[kind][numbers])
     names = some([circuit.element_name(kind, number) for number in numbers[:SHOWN].tolist()], numbers.size)
@@ -102,7 +105,11 @@ def _element_violation(
 
 
 def trapped_currents(circuit: Circuit) -> Iterator[Violation]:
-    """Yield a violation of severity "error" if current sources drive a floating component without a return path."""
+    """Yield one violation of severity "error" about all current sources that drive a floating component.
+
+    Such a source connects a component without a conducting path to ground with another component, so that its current
+    has no return path.
+    """
     trapped = circuit.trapped_sources
     if trapped.size:
         drive = "drives" if trapped.size == 1 else "drive"
@@ -113,10 +120,10 @@ def trapped_currents(circuit: Circuit) -> Iterator[Violation]:
 
 @dataclass(frozen=True, eq=False)
 class Loops:
-    """Elements that close loops of voltage sources, inductors and resistors of 0 ohm.
+    """Elements that close loops of voltage sources, inductors (0 V) and resistors of 0 ohm.
 
     Elements are added to a spanning forest one by one: voltage sources first, then inductors, then resistors.  An
-    element closes a loop if its nodes are connected already.
+    element closes a loop if earlier elements connect its nodes already.
 
     `sources, inductors, shorts`: indices of the voltage sources, the inductors (indices of voltage sources, too) and
     the resistors that close a loop with a voltage sum of zero; `contradictions`: a tuple for each element that closes a
@@ -153,11 +160,11 @@ def loop_voltages(
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]]:
     """Return the mismatch of every voltage source, the mask of sources that close loops, and that of contradictions.
 
-    Sources, taken in their order, form a spanning forest.  A source closes a loop if its nodes are connected in the
-    forest.  Its mismatch is the magnitude of the difference between its voltage and the voltage between these nodes in
-    the forest, in volts.  A source that closes a loop contradicts the other sources if its mismatch exceeds 1e-12 of
-    the largest source voltage in the loop.  `ends` (sources, 2): plus and minus nodes; `volts` (sources,): voltages;
-    `node_count`: number of nodes.  All results have the shape (sources,).
+    A source is added to a spanning forest, in the order of the sources, unless earlier sources connect its nodes
+    already; then the source closes a loop.  The mismatch is the magnitude of the difference between the voltage of the
+    source and the voltage between its nodes in the forest, in volts.  A source that closes a loop contradicts the other
+    sources if its mismatch exceeds 1e-12 of the largest source voltage in the loop.  `ends` (sources, 2): plus and
+    minus nodes; `volts` (sources,): voltages; `node_count`: number of nodes.  All results have the shape (sources,).
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import minimum_spanning_tree
@@ -178,8 +185,9 @@ def loop_voltages(
 def source_loops(circuit: Circuit) -> Iterator[Violation]:
     """Yield violations for loops of voltage sources, inductors and resistors of 0 ohm, contradictory ones first.
 
-    Contradictory loops are errors.  Other loops leave the currents around them undetermined: an error for voltage
-    sources in a deck, a warning for voltage sources in a netlist, for inductors and for resistors.
+    A loop is contradictory if its voltages do not sum to zero.  The first 10 contradictory loops have an error each.
+    Other loops leave the currents around them undetermined, with one violation for each kind of element that closes
+    them: an error for voltage sources in a deck; a warning for voltage sources in a netlist, inductors and resistors.
     """
     loops = loops_of(circuit)
     for kind, number, volts in loops.contradictions[:_MOST]:
@@ -206,9 +214,9 @@ def source_loops(circuit: Circuit) -> Iterator[Violation]:
 
 
 def shorted(circuit: Circuit) -> Iterator[Violation]:
-    """Yield a warning per kind of element if elements have both ends at one node, where they have no effect.
+    """Yield a warning for each kind of element if elements of this kind have both ends at one node.
 
-    The kinds are resistor, current source and nonlinear resistor.
+    Such elements have no effect.  The kinds are resistor, current source and nonlinear resistor.
     """
     for kind in ("resistor", "current source", "nonlinear resistor"):
         both = np.flatnonzero(circuit.ends[kind][:, 0] == circuit.ends[kind][:, 1])
@@ -218,9 +226,9 @@ def shorted(circuit: Circuit) -> Iterator[Violation]:
 
 
 def dangling(circuit: Circuit) -> Iterator[Violation]:
-    """Yield a violation of severity "info" if some nodes have only one element, which therefore carries no current.
+    """Yield one violation of severity "info" about all nodes with only one element, which carries no current.
 
-    Floating nodes and ground are not among these nodes.
+    Ground, and nodes without a conducting path to ground, are not among these nodes.
     """
     loose = (circuit.degree == 1) & ~circuit.is_floating
     nodes = np.flatnonzero(loose[1:]) + 1  # ground may be touched once

@@ -1,4 +1,4 @@
-"""Check of a deck by an external simulator: run the deck, compare the voltages, locate the differences."""
+"""`check_deck`: check of a deck by an external simulator, whose results are compared with expected voltages."""
 
 from __future__ import annotations
 
@@ -32,9 +32,10 @@ from resgrid.spice.write.sidecar import Sidecar, altered_files, expect, read_sid
 class _Limits:
     """Settings of one check.
 
-    `engine`: name of the simulator engine, "ngspice" or "eecircuit"; `tolerance`: largest accepted error, of a voltage
-    relative to the supply (the largest voltage difference in the circuit), of a source current relative to
-    `Expected.current_scale`; `timeout`: longest run, in seconds.
+    `engine`: name of the program that simulates, "ngspice" or "eecircuit"; `tolerance`: largest accepted error, of a
+    voltage relative to the supply (largest voltage difference in the circuit), of a source current relative to the
+    largest source current, or to 1e-3 G V if more (largest conductance G, supply V); `timeout`: longest run, in
+    seconds.
     """
 
     engine: str
@@ -53,7 +54,8 @@ class _Limits:
         """Run the simulator on the content `data` of a deck and return the result.
 
         `source`: name of the deck in messages; `options`: further arguments of the engine: ``direct`` (whether the deck
-        contains an analysis statement), ``files`` and ``place`` (as in `Runnable`).
+        contains an analysis statement), ``files`` (contents of included files, by path relative to the simulator's
+        working folder) and ``place`` (path of the deck relative to this folder).
         """
         return engine_named(self.engine)(data, source=source, timeout=self.timeout, **options)
 
@@ -71,8 +73,9 @@ def check_deck(
     """Run a simulator on a deck and compare its operating point with the expected one.
 
     A deck with a sidecar is checked three times: its bytes against the sidecar's hash, its elements against the
-    sidecar's voltages, and the simulated voltages against the sidecar's voltages.  Any other deck is read and solved by
-    resgrid, and the simulated voltages are compared with that solution.  For a netlist a deck is written first.
+    sidecar's voltages (for a flat ngspice deck), and the simulated voltages against the sidecar's voltages.  Any other
+    deck is read and solved by resgrid, and the simulated voltages are compared with that solution.  For a netlist or an
+    operating point, a deck is written first, and the simulated voltages are compared with resgrid's solution.
 
     A deck with memristors (`resgrid.spice.write_memristive`) is checked by its transient: the voltages and states that
     ngspice finds are compared with those in the sidecar, at several times and with the tolerance in the sidecar.
@@ -84,20 +87,22 @@ def check_deck(
     Parameters
     ----------
     deck : path-like, Circuit, Netlist or OperatingPoint
-        A deck's file, or a circuit.
+        A deck's file, a circuit that was read from a deck, or a netlist without or with its solution.
     tolerance : float
         Largest accepted voltage error relative to the supply (the largest voltage difference in the circuit), and
         largest accepted error of a source current relative to the largest source current, or to ``1e-3 G V`` if that
         is more (largest conductance ``G``, supply ``V``).
     reference : OperatingPoint, optional
-        Expected operating point, in place of the sidecar's voltages: that of the scene for a deck written by resgrid,
-        that of the circuit itself for a `Circuit` that was read.  The hash in a sidecar is compared in either case.
-    dialect : str
-        Dialect of a file without sidecar, as in `read_spice`.
+        Expected operating point, in place of the sidecar's voltages or of a solution by resgrid: that of the scene for
+        a deck written by resgrid, that of the circuit itself for a `Circuit`; not used for a netlist.  The hash in a
+        sidecar is compared in either case.
+    dialect : {"auto", "ngspice", "ltspice", "xyce", "hspice", "spectre"}
+        Dialect of a file without sidecar.  ``"auto"`` takes the dialect that the suffix or the text of the file
+        indicates, or else ngspice; with `reference` it means ngspice.
     root : path-like, optional
-        Folder that must contain all files included by a deck without sidecar, as in `read_spice`.
+        Folder that must contain all files included by a deck without sidecar; by default the deck's own folder.
     engine : {"ngspice", "eecircuit"}
-        Simulator to run.
+        Program to run: ngspice, or its WebAssembly build ``eecircuit-engine``.
     timeout : float
         Longest run of the simulator, in seconds.
 
@@ -147,7 +152,7 @@ def check_deck(
 
 
 def _refuse_for_memristors(reference: OperatingPoint | None, engine: str) -> None:
-    """Raise InputError if `reference` is given or `engine` is not ngspice, for the check of a deck with memristors."""
+    """Raise InputError, for a deck with memristors, if `reference` is not None or `engine` is not "ngspice"."""
     if reference is not None:
         raise InputError(
             "a deck with memristors is compared with the transient in its sidecar, not with an operating point; leave "
@@ -164,7 +169,7 @@ def _check_own(
 
     `path, data`: path and content of the deck; `sidecar`: content of the sidecar, None without a sidecar (then
     `reference` is given); `reference`: solution of the scene, None to compare with the sidecar; `dialect`: name of the
-    dialect of a deck without sidecar, or "auto" for that of ngspice; `limits`: settings of the check.
+    dialect of a deck without sidecar, or "auto" for ngspice; `limits`: engine, tolerance and timeout of the check.
     """
     name = dialect_named((SIMULATED if dialect == "auto" else dialect) if sidecar is None else sidecar.dialect).name
     findings = [] if sidecar is None else altered_files(data, sidecar)
@@ -205,8 +210,8 @@ def _check_external(
 
     If the results differ, a prediction of this difference by the portability check is added to the findings.  `deck`:
     circuit that was read from the deck; `data`: content of the deck's file, None without a file; `op`: operating point
-    by resgrid, None to compute it; `limits`: settings of the check; `root`: folder that must contain all included
-    files, None for the deck's folder.
+    by resgrid, None to compute it; `limits`: engine, tolerance and timeout of the check; `root`: folder that must
+    contain all included files, None for the deck's folder.
     """
     op = solve(deck.netlist()) if op is None else op
     job = runnable(deck, data, root=None if root is None else Path(root), engine=limits.engine)

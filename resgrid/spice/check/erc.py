@@ -1,7 +1,7 @@
 """The electrical rule check (ERC): defects of a circuit with which a simulator fails or gives wrong results.
 
 Each rule is a function from a `Circuit` to violations, in time proportional to the number of elements.  This module
-holds the rules on values and names; `connectivity` holds the rules on connections.
+applies all rules and holds the rules on values and names; `connectivity` holds the rules on connections.
 """
 
 from __future__ import annotations
@@ -24,19 +24,22 @@ from resgrid.spice.findings import SEVERITIES, Note, Severity, Violation
 WIDEST_SPREAD = 1e15
 """Largest ratio of two positive resistances in a circuit for which the rule check yields no warning.
 
-Beyond this ratio, double precision no longer resolves the currents through the largest resistances.
+Above this ratio, double precision no longer resolves the currents through the largest resistances.
 """
 
 SMALLEST_SAFE, LARGEST_SAFE = 1e-5, 1e12
-"""Limits of the resistances that no simulator changes or loses, in ohms.
+"""Smallest and largest nonzero resistance that every simulator takes as written and resolves, in ohms.
 
-HSPICE raises smaller resistances to its RESMIN.  Larger resistances conduct less than the 1e-12 S that a simulator may
-add from a node to ground.
+HSPICE raises resistances below the first limit to its option RESMIN.  Resistances above the second limit conduct less
+than the 1e-12 S that a simulator may add from a node to ground.
 """
 
 
 def check_erc(circuit: Netlist | Circuit) -> tuple[Violation, ...]:
     """Apply the electrical rule check (ERC) to a netlist, or to a deck as it was written.
+
+    The rules concern ground, floating nodes, current sources without a return path, loops of voltage sources, extreme
+    resistances, elements with both ends at one node, names, nodes with one element, and remarks of the deck reader.
 
     Parameters
     ----------
@@ -46,7 +49,7 @@ def check_erc(circuit: Netlist | Circuit) -> tuple[Violation, ...]:
     Returns
     -------
     tuple of Violation
-        Violations: errors, then warnings, then notes (``"info"``); empty if the circuit passes.
+        Violations of severity ``"error"``, then ``"warning"``, then ``"info"``; empty if no rule is violated.
 
     Examples
     --------
@@ -62,9 +65,9 @@ def check_erc(circuit: Netlist | Circuit) -> tuple[Violation, ...]:
 class _Limit(NamedTuple):
     """A rule on the values of resistances.
 
-    `severity, rule`: severity and name of the violation; `is_beyond`: function of resistances (n,) in ohms that returns
-    the mask of the violations; `message`: template with the fields ``count`` (number of violations) and ``shown``
-    (names and values of the first ones); `remedy`: sentence that states the correction.
+    `severity`: severity of the violation; `rule`: name of the rule; `is_beyond`: function of resistances (n,) in ohms
+    that returns the mask (n,) of those that violate the rule; `message`: template with the fields ``count`` (number of
+    these resistances) and ``shown`` (names and values of the first 5); `remedy`: text that states the correction.
     """
 
     severity: Severity
@@ -122,11 +125,11 @@ _LIMITS = (
 
 
 def limits(circuit: Circuit) -> Iterator[Violation]:
-    """Yield at most one violation per rule for resistances that a simulator cannot use or changes.
+    """Yield violations for resistances that a simulator cannot use or changes, one for each kind of violation.
 
     Negative resistances, and resistances that are infinite or have an infinite reciprocal, are errors; 0 ohm is a
-    warning; nonzero resistances with a magnitude below `SMALLEST_SAFE` or above `LARGEST_SAFE` have the severity
-    "info".
+    warning; nonzero resistances with a magnitude below 1e-5 ohm (`SMALLEST_SAFE`) or above 1e12 ohm (`LARGEST_SAFE`)
+    have the severity "info".
     """
     for limit in _LIMITS:
         beyond = np.flatnonzero(limit.is_beyond(circuit.resistance))
@@ -141,7 +144,7 @@ def limits(circuit: Circuit) -> Iterator[Violation]:
 
 
 def spread(circuit: Circuit) -> Iterator[Violation]:
-    """Yield a warning if the ratio of the largest to the smallest positive resistance exceeds `WIDEST_SPREAD`."""
+    """Yield a warning if the largest positive resistance exceeds 1e15 (`WIDEST_SPREAD`) times the smallest one."""
     size = np.where(circuit.resistance > 0, circuit.resistance, np.nan)
     if np.isnan(size).all():
         return
@@ -162,9 +165,9 @@ class _Trap(NamedTuple):
     """A class of node names that some simulators misread.
 
     `pattern`: regular expression for the whole name, case ignored; `severity`: "warning" or "info", but not "error",
-    because written decks rename such nodes; `message, remedy`: texts of the violation; ``message`` may have the field
-    ``simulators``; `misreads`: function of the reading rules of a dialect that returns whether its simulator misreads
-    such names.
+    because written decks rename such nodes; `message, remedy`: texts of the violation, where ``message`` may have the
+    field ``simulators`` (their names); `misreads`: function of the reading rules of a dialect that returns whether its
+    simulator misreads such names, by default always True.
     """
 
     pattern: str
@@ -219,9 +222,10 @@ _TRAPS = (
 
 
 def name_clashes(circuit: Circuit) -> Iterator[Violation]:
-    """Yield a violation for each kind of element, and for nodes of a netlist, with names that differ at most in case.
+    """Yield a violation for each kind of element in which two elements have the same name, regardless of case.
 
-    The violation is an error in a deck, and a warning for a netlist, because written decks append numbers to the names.
+    Equal names of nodes are a violation, too, but only in a netlist: in a deck they mean one node.  The violation is an
+    error in a deck, and a warning for a netlist, because written decks append numbers to the names.
     """
     nodes = {} if circuit.is_deck else {"node": circuit.node_names}
     for kind, names in {**nodes, **circuit.element_names}.items():
@@ -251,7 +255,9 @@ def name_clashes(circuit: Circuit) -> Iterator[Violation]:
 
 
 def repeated_names(circuit: Circuit) -> tuple[Note, ...]:
-    r"""Return one warning for every kind of element in a deck that has two elements of the same name.
+    r"""Return one warning for every kind of element of which a deck has two with the same name, regardless of case.
+
+    The note states whether the simulator of the deck's dialect fails at such names.  Without a deck there is no note.
 
     Examples
     --------
@@ -277,7 +283,7 @@ def repeated_names(circuit: Circuit) -> tuple[Note, ...]:
 def misread_names(circuit: Circuit) -> Iterator[Violation]:
     """Yield a violation for each class of node names that some simulator misreads, such as names with ``$``.
 
-    The severity is "warning" or "info", as the class states (`_Trap`); written decks rename such nodes.
+    The severity is "warning" or "info", but not "error", because written decks rename such nodes.
     """
     if len(circuit.node_names) < 2:
         return
@@ -298,7 +304,7 @@ def misread_names(circuit: Circuit) -> Iterator[Violation]:
 
 
 def _simulators(trap: _Trap) -> str:
-    """Return the names of the simulators that misread a class of node names as text, joined by commas and "and"."""
+    """Return the names of the simulators that misread the class `trap` of node names, as one text: ``A, B and C``."""
     labels = [item.label for item in DIALECTS.values() if trap.misreads(item.reading)]
     return " and ".join(filter(None, (", ".join(labels[:-1]), labels[-1])))
 

@@ -1,9 +1,10 @@
-"""Safe simulator input for decks that resgrid did not write: unchanged where safe, otherwise rewritten.
+"""Safe simulator input for decks that resgrid did not write, and the expected results by the simulator's names.
 
+A deck that is safe to run is left unchanged except for its analyses; any other deck is written again from the circuit.
 ngspice looks for an included file in the folder it runs in and in the folder of the including file, wherever these
-names lead.  The includes are therefore resolved first, by the same rule but only below a root folder, and copied to
-the same relative paths.  A name that is not plainly a path below that folder is rejected, and so is a line that could
-run a command.
+names lead.  The included files are therefore resolved first, by the same rule but only below a root folder, and copied
+to the same relative paths.  A name that is not plainly a path below that folder is rejected, and so is a line that
+could run a command.
 """
 
 from __future__ import annotations
@@ -42,8 +43,9 @@ class Runnable:
     """Input of a simulator for a deck that resgrid did not write.
 
     `data`: content of the deck, with the operating point as its only analysis; `why`: empty if `data` is the original
-    deck, otherwise the reason why `data` is a flat deck written from the circuit; `files`: content of the included
-    files by their paths relative to the simulator's working folder; `place`: path of the deck relative to this folder.
+    deck except for analyses, otherwise the reason why `data` is a flat deck written from the circuit; `files`: content
+    of the included files by their paths relative to the simulator's working folder; `place`: path of the deck relative
+    to this folder.
     """
 
     data: bytes
@@ -58,7 +60,7 @@ def runnable(deck: Circuit, data: bytes | None, *, root: Path | None, engine: st
     Lines of analyses and outputs are replaced by comments; all other lines are kept byte for byte, in their own files.
     A deck that is not safe to run, that the engine cannot run, or that has no file is replaced by a flat deck of the
     circuit.  `data`: content of the deck's file, None without a file; `root`: folder that must contain all included
-    files, None for the deck's own folder; `engine`: name of the engine.
+    files, None for the deck's own folder; `engine`: program that simulates, "ngspice" or "eecircuit".
     """
     path = Path(deck.path).resolve()
     root = path.parent if root is None else root.resolve()
@@ -85,7 +87,7 @@ def _safe_files(deck: Circuit, path: Path, data: bytes, root: Path, engine: str)
 
     Without included files the result is empty.  A deck is also rejected if it is written for another dialect, or if the
     engine cannot read included files.  `deck, path, data`: circuit, path and content of the deck; `root`: folder that
-    must contain the included files; `engine`: name of the engine.
+    must contain the included files; `engine`: program that simulates, "ngspice" or "eecircuit".
     """
     if not deck.is_deck:
         raise InputError("it is not a deck, and no simulator reads it")
@@ -145,9 +147,10 @@ def _gather_includes(deck: Path, data: bytes, root: Path) -> dict[str, bytes]:
 
 
 def _names(path: Path, data: bytes) -> Iterator[str]:
-    """Yield the names of included files in a file; raise InputError for a name that is not a plain relative path.
+    """Yield the names of the files that a file of a deck includes.
 
-    `path`: path of the file, for messages; `data`: content of the file.
+    Raises InputError for a name that is not a plain relative path, and for a carriage return inside a line.  `path`:
+    path of the file, for messages; `data`: content of the file.
     """
     lone = _LONE_RETURN.search(data)
     if lone is not None:
@@ -197,8 +200,9 @@ def _places(name: str, path: Path, root: Path) -> Iterator[Path]:
 def expected_of(deck: Circuit, op: OperatingPoint, *, as_written: bool) -> Expected:
     """Return the expected voltages and source currents of a deck by the names that the simulator uses.
 
-    `deck`: the circuit that was read; `op`: its operating point; `as_written`: whether the simulator runs the file of
-    the deck itself, whose names it uses in lower case, and not a deck written from the circuit, with legal names.
+    `deck`: the circuit that was read; `op`: operating point of the circuit; `as_written`: True if the simulator runs
+    the file of the deck itself, so that the names are those of the file in lower case; False if it runs a deck written
+    from the circuit, so that the names are those of the written deck.
     """
     if not as_written:
         return expect(flatten(op.netlist, dialect=SIMULATED), op)

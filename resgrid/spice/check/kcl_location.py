@@ -1,4 +1,4 @@
-"""Location of altered lines in a deck: Kirchhoff's laws with the values in the deck and the expected voltages."""
+"""Location of altered lines in a deck: the expected voltages must obey Kirchhoff's laws with the deck's own values."""
 
 from __future__ import annotations
 
@@ -13,12 +13,13 @@ from resgrid.spice.read.deck import read_with
 from resgrid.spice.write.sidecar import Expected
 
 _MAX_FINDINGS = 5
-"""Maximum number of messages of `inspect_deck`, in total and for each kind of contradiction."""
+"""Maximum number of messages about a deck that contradicts its expected voltages."""
 
 _OPTIONS = {"reltol", "abstol", "vntol"}
 _ROUNDING = 64 * np.finfo(np.float64).eps
-"""Rounding error of the voltage difference of an element that is accepted without a message, as a fraction of the sum
-of the magnitudes of both node voltages.
+"""Largest accepted rounding error of the voltage across an element, as a fraction.
+
+The fraction is relative to the sum of the magnitudes of the voltages of both its nodes.
 """
 
 
@@ -26,11 +27,11 @@ def inspect_deck(data: bytes, expected: Expected, tolerance: float) -> list[str]
     """Return messages with line numbers about elements of a flat deck that contradict its expected voltages.
 
     Kirchhoff's current law is evaluated at every node with the deck's own values and the expected voltages.  This
-    detects a changed element even where the node voltages hardly change.  Changed options, unknown nodes and missing
-    nodes are reported, too.  The result has at most 5 messages; it is empty if nothing contradicts.  `data`: content of
-    the deck; `expected`: expected results; `tolerance`: largest accepted error, relative to the supply (for voltage
-    sources) or to the sum of the magnitudes of the currents at a node (there at least 4 times the residual of
-    `expected`).
+    detects a changed element even where the node voltages hardly change.  Lines that cannot be read, changed options,
+    unknown nodes and missing nodes are reported, too.  The result has at most 5 messages; it is empty if nothing
+    contradicts.  `data`: content of the deck; `expected`: expected results; `tolerance`: largest accepted error, for
+    voltage sources relative to the supply (largest voltage difference in the circuit), for the sum of the currents at a
+    node relative to the sum of their magnitudes (there at least 4 times the residual of the expected results).
     """
     try:
         circuit = read_with(io.BytesIO(data), dialect="ngspice")
@@ -78,10 +79,12 @@ def _wrong_sources(circuit: Circuit, voltage: NDArray[np.float64], allowed: floa
 
 
 def _wrong_nodes(circuit: Circuit, voltage: NDArray[np.float64], tolerance: float) -> list[str]:
-    """Return messages about at most 5 nodes at which the currents do not sum to zero (Kirchhoff's current law).
+    """Return messages about nodes at which the currents do not sum to zero (Kirchhoff's current law).
 
-    `voltage` (nodes,): expected node voltages, in volts; `tolerance`: largest residual without a message, as a fraction
-    of the sum of the magnitudes of the currents at the node, in addition to rounding errors.
+    At most 5 nodes are reported, those with the largest ratio of residual to accepted residual.  Ground and the nodes
+    of voltage sources are not tested.  `voltage` (nodes,): expected node voltages, in volts; `tolerance`: largest
+    accepted residual, as a fraction of the sum of the magnitudes of the currents at the node, in addition to rounding
+    errors.
     """
     count = circuit.node_count
     ends, current, rounding = _currents(circuit, voltage)
@@ -103,10 +106,11 @@ def _wrong_nodes(circuit: Circuit, voltage: NDArray[np.float64], tolerance: floa
 def _currents(
     circuit: Circuit, voltage: NDArray[np.float64]
 ) -> tuple[NDArray[np.int32], NDArray[np.float64], NDArray[np.float64]]:
-    """Return the nodes of all elements, their currents from first to second node, and the currents' rounding errors.
+    """Return the nodes of elements, their currents from first to second node, and the currents' rounding errors.
 
-    `voltage` (nodes,): in volts.  Elements are resistors, current sources and nonlinear resistors, in this order.
-    Shapes of the results: (elements, 2), (elements,) and (elements,); currents and errors in amperes.
+    The elements are resistors, current sources and nonlinear resistors, in this order; a resistance that is not
+    positive carries no current.  `voltage` (nodes,): expected node voltages, in volts.  Shapes of the results:
+    (elements, 2), (elements,) and (elements,); currents and errors in amperes.
     """
     sizes = len(circuit.resistance), len(circuit.current_amps)
     ends = np.concatenate([circuit.resistor_nodes, circuit.current_nodes, circuit.nonlinear_nodes])

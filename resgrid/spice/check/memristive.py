@@ -1,4 +1,4 @@
-"""Check of a deck with memristors: run its transient in ngspice, and compare voltages and states over time."""
+"""Check of a deck with memristors: run its transient in ngspice, and compare voltages and states with its sidecar."""
 
 from __future__ import annotations
 
@@ -22,8 +22,10 @@ from resgrid.spice.write.sidecar import digest, sidecar_path
 def check_memristive(path: Path, data: bytes, sidecar: MemristiveSidecar, timeout: float) -> Agreement:
     """Return the comparison of the transient of a deck in ngspice with the values in its sidecar.
 
-    `path`, `data`: path and content of the deck; `sidecar`: its sidecar, whose tolerance applies; `timeout`: longest
-    run, in seconds.  Raise InputError for a deck of another dialect, or without its file of commands.
+    Compared are the node voltages, and the states of the memristors (0 to 1), at the times that the sidecar lists.
+    `path`, `data`: path and content of the deck; `sidecar`: expected values, and the tolerance (of voltages relative to
+    the supply, of states absolute); `timeout`: longest run, in seconds.  Raises InputError for a deck of a dialect
+    other than ngspice, or without the file of commands that `write_memristive` writes next to the deck.
     """
     if sidecar.dialect != SIMULATED:
         raise InputError(
@@ -76,9 +78,10 @@ def check_memristive(path: Path, data: bytes, sidecar: MemristiveSidecar, timeou
 
 
 def _altered(path: Path, data: bytes, commands: Path, sidecar: MemristiveSidecar) -> list[str]:
-    """Return a message for each of the deck, the file of commands and the sidecar whose hash is not that in `sidecar`.
+    """Return a message for each file that was altered: the deck, the file of commands and the sidecar itself.
 
-    `path`, `data`: path and content of the deck; `commands`: path of the file of commands.
+    A file was altered if its SHA-256 is not the one that `sidecar` states.  `path`, `data`: path and content of the
+    deck; `commands`: path of the file of commands.
     """
     name = sidecar_path(path).name
     pairs = [(path.name, digest(data), sidecar.sha256)]
@@ -90,9 +93,10 @@ def _altered(path: Path, data: bytes, commands: Path, sidecar: MemristiveSidecar
 
 
 def _at_times(raw: RawFile, times: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
-    """Return the voltages of a transient at given times (n,) in seconds, by name of the node, as arrays (n,) in volts.
+    """Return the voltages of a transient at `times`, by name of the node, as arrays (n,) in volts.
 
-    The values between the simulator's times are interpolated by monotone cubic polynomials.
+    The values between the simulator's times are interpolated by monotone cubic polynomials.  `raw`: the simulator's
+    result file; `times` (n,): in seconds.
     """
     instant = np.asarray(raw.values[:, list(raw.kinds).index("time")], dtype=np.float64)
     keep = np.append(np.diff(instant) > 0, True)

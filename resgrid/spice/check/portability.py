@@ -32,7 +32,7 @@ Outcome = Literal["right", "wrong", "fails", "unsure"]
 _Result = tuple[Outcome, float | None, str | None, tuple[str, ...]]
 
 _LARGEST = 300_000
-"""Largest number of nodes of a deck whose voltage errors are computed; predictions for larger decks have none."""
+"""Largest number of nodes of a deck for which voltage errors are computed; predictions for larger decks have none."""
 _SAFE_SPREAD = 1e12
 """Ratio of the largest to the smallest resistance of a circuit above which the outcome is "unsure", not "right"."""
 _ROUNDING = 2.0**-52
@@ -55,8 +55,8 @@ class Prediction:
         ``"wrong"``: the simulator returns wrong voltages without an error message; ``"fails"``: it returns no result;
         ``"unsure"``: its behaviour is not known, or depends on rounding errors.
     max_error : float or None
-        Largest predicted voltage error, in volts; None if it was not computed, or if `worst_node` floats in the circuit
-        that the simulator reads.
+        Largest predicted difference between a simulated and the correct node voltage, in volts; None if it was not
+        computed, or if `worst_node` floats in the circuit that the simulator reads.
     worst_node : str or None
         Name of the node with the largest error, or of one that floats; None if no error was computed.
     reasons : tuple of str
@@ -112,15 +112,15 @@ def check_portability(
     Parameters
     ----------
     circuit : Netlist or Circuit
-        A circuit read from a deck, whose file is judged as each simulator reads it; or a netlist, for which the deck
-        that resgrid would write is judged.
+        A circuit read from a deck: its file is judged as each simulator reads it.  Or a netlist: the deck that resgrid
+        would write is judged.
     violations : tuple of Violation, optional
         Result of `check_erc` for the circuit; computed if it is not given.
 
     Returns
     -------
     tuple of Prediction
-        One for each simulator.  Errors are computed for up to 300,000 nodes; larger circuits get reasons only.
+        One for each simulator.  Errors are computed for decks of up to 300,000 nodes; others get reasons only.
 
     Examples
     --------
@@ -249,7 +249,7 @@ def _predict_deck(quirks: Quirks, case: _Case) -> _Result:
 def _failing_loops(quirks: Quirks, case: _Case) -> list[int]:
     """Return the indices of the voltage sources that close a loop at which the simulator fails.
 
-    `quirks`: behaviour of the simulator at loops, all or those tied to ground; `case`: the deck with its loops.
+    `quirks`: behaviour of the simulator, which fails at all loops or only at those tied to ground; `case`: the deck.
     """
     ends = case.deck.source_nodes
     closing = [int(number) for number in case.loops.sources]
@@ -264,7 +264,7 @@ def _failing_loops(quirks: Quirks, case: _Case) -> list[int]:
 def _uncertainties(quirks: Quirks, case: _Case, resistance: NDArray[np.float64]) -> tuple[str, ...]:
     """Return the reasons, as sentences, for which a simulator's result is uncertain; empty if the result is certain.
 
-    `quirks`: the simulator's behaviour; `case`: the deck; `resistance` (m,): that the simulator uses, in ohms.
+    `quirks`: the simulator's behaviour; `case`: the deck; `resistance` (m,): values that the simulator uses, in ohms.
     """
     uncertainties = _uncertain_spread(np.abs(case.deck.resistance)) or _cancellation(case.deck, np.abs(resistance))
     continues = quirks.loops == "fail at ground"

@@ -1,4 +1,4 @@
-"""Second reading of a deck by another dialect's rules, and the largest difference between both voltages."""
+"""Second reading of a deck by another dialect's rules, and the node where the voltages of two readings differ most."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from resgrid.spice.dialects.record import Dialect
 from resgrid.spice.read.deck import read_with
 
 _MOST_BYTES = 20_000_000
-"""Largest total size of a deck's files, in bytes, with which these are read by the rules of other dialects, too."""
+"""Largest total size, in bytes, of the files of a deck that is also read by the rules of other dialects."""
 
 
 @dataclass(frozen=True, eq=False)
 class Rereading:
     """Result of reading a deck's file by another simulator's rules.
 
-    `circuit`: the circuit, None if the file cannot be read by these rules; `why`: the first error if `circuit` is None;
-    `fails`: whether the simulator is certain to return no result.
+    `circuit`: the circuit, None if resgrid cannot read the file by these rules; `why`: the first error if `circuit` is
+    None; `fails`: whether the simulator is certain to return no result.
     """
 
     circuit: Circuit | None
@@ -35,8 +35,9 @@ class Rereading:
 def reread(deck: Circuit, dialect: Dialect) -> Rereading:
     """Return the result of reading the file of a deck by the rules of a dialect.
 
-    `deck`: circuit read from the file by the rules of its own dialect.  If that is `dialect`, or if the deck has no
-    file or files of more than `_MOST_BYTES` bytes, nothing is read and the result contains `deck` itself.
+    `deck`: circuit read from the file by the rules of its own dialect.  Nothing is read, and the result contains `deck`
+    itself, if its own dialect is `dialect`, if it has no file, or if its files have more than 20 MB (`_MOST_BYTES`).  A
+    Spectre deck cannot be read by the rules of other dialects: the result then has no circuit.
     """
     if dialect.name == deck.dialect or deck.dialect not in DIALECTS:
         return Rereading(deck)
@@ -56,11 +57,12 @@ def reread(deck: Circuit, dialect: Dialect) -> Rereading:
 def first_difference(
     names: tuple[Circuit, Circuit], volts: tuple[NDArray[np.float64], NDArray[np.float64]]
 ) -> tuple[str, float] | None:
-    """Return the node with the largest difference between its voltages in two readings of a file, and its magnitude.
+    """Return the name of the node whose voltages in two readings of a file differ most, and the difference in volts.
 
-    `names`: the two circuits, for the node names; `volts` (nodes,) each: their node voltages, in volts, NaN for
-    floating nodes.  Differences up to 1e-9 of the largest voltage magnitude in the first reading count as equal.
-    Without a larger one, the result is a node with a voltage in the first reading only, and infinity; else None.
+    The difference is a magnitude.  Differences up to 1e-9 of the largest voltage magnitude in the first reading count
+    as zero.  If all are zero, the result is a node that has a voltage in the first reading only, and infinity; without
+    such a node the result is None.  `names`: the circuits of the two readings, for the node names; `volts`: two arrays
+    (nodes,) of node voltages, in volts, NaN for floating nodes.
     """
     first, second = (
         {name.lower(): value for name, value in zip(circuit.node_names, found.tolist(), strict=True)}
@@ -77,7 +79,7 @@ def first_difference(
 
 
 def _are_small(files: list[Path]) -> bool:
-    """Return whether the files exist and have at most `_MOST_BYTES` bytes together."""
+    """Return whether there is a file, and all files exist and have at most 20 MB (`_MOST_BYTES`) together."""
     try:
         return bool(files) and sum(file.stat().st_size for file in files) <= _MOST_BYTES
     except OSError:

@@ -16,7 +16,10 @@ from numpy.typing import NDArray
 from resgrid.spice.circuit import Circuit
 
 _MOST = 50
-"""Largest number of floating components whose pivots are computed; `singularity` of more is "unknown"."""
+"""Largest number of floating components of a circuit for which pivots are computed.
+
+With more of them, all of at least two nodes, it is unknown whether the matrix is singular.
+"""
 
 Singular = Literal["yes", "no", "unknown"]
 
@@ -24,8 +27,9 @@ Singular = Literal["yes", "no", "unknown"]
 def singularity(circuit: Circuit) -> Singular:
     r"""Return whether Gaussian elimination in ngspice meets a zero pivot, because the circuit has floating nodes.
 
-    "yes": a pivot is zero, and ngspice takes the matrix as singular; "no": rounding errors replace all zero pivots, or
-    no node floats; "unknown": the rounding errors of ngspice depend on an order of summation that is not known here.
+    "yes": a pivot is zero, and ngspice takes the matrix as singular; "no": rounding errors replace all zero pivots by
+    small numbers, or no node floats; "unknown": the pivots are not computed here, or they depend on the order of
+    summation in ngspice, which is not known.
 
     Examples
     --------
@@ -48,8 +52,9 @@ def singularity(circuit: Circuit) -> Singular:
 def _part_singularity(circuit: Circuit, nodes: NDArray[np.int64]) -> Singular:
     """Return whether ngspice meets a zero pivot in the elimination of a floating component: "yes", "no" or "unknown".
 
-    "unknown" means that the pivot depends on ngspice's order of summation, or that the component has more than two
-    nodes, a source or a nonlinear resistor.  `nodes` (n,): node numbers of the component.
+    "unknown" means that the pivot depends on ngspice's order of summation, that the component has a nonlinear resistor,
+    or that it has resistors and also a voltage source or more than two nodes.  `nodes` (n,): numbers of the nodes of
+    the component.
     """
     inside = {kind: np.isin(ends, nodes).all(axis=1) for kind, ends in circuit.ends.items()}
     if inside["nonlinear resistor"].any():

@@ -24,8 +24,9 @@ from resgrid.spice.read.subcircuits import Expander
 def assemble_deck(collector: Collector, source: SourceFile, limit: int | None) -> Circuit:
     """Return the circuit of the collected cards.
 
-    `collector`: the cards; `source`: file of the deck; `limit`: maximum number of elements after expansion, None for a
-    limit that grows with the number of cards.
+    `collector`: the cards (statements of the deck); `source`: file of the deck; `limit`: maximum number of elements
+    after the expansion of subcircuits, None for a limit that grows with the number of cards.  Raises DeckError with all
+    errors of the deck, and BudgetError if the circuit has more elements than the limit.
     """
     contents, diagnostics = collector.contents, collector.contents.diagnostics
     scope = Scope(contents.top, diagnostics, built_ins=contents.built_ins())
@@ -78,8 +79,9 @@ def _resolve_title(contents: Contents, scope: Scope, elements: Elements, expande
     """Add the first line of the deck as an element to `elements`, or set it as the title of the deck.
 
     The first line is an element if it can be read as one and shares a node other than ground with the other elements.
-    `contents`: content of the deck; `scope`: parameter values of the deck; `elements`: all elements of the other lines;
-    `expander`: expansion of the deck.
+    Nothing is done unless the collected content holds a first line that may be an element.  `contents`: content of the
+    deck; `scope`: parameter values of the deck; `elements`: all elements of the other lines; `expander`: expander of
+    the subcircuits of the deck.
     """
     first, diagnostics = contents.first, contents.diagnostics
     if first is None:
@@ -112,8 +114,9 @@ def _with_switches(
 ) -> ElementArrays:
     """Return the resistors and the switches as one array of resistors; a switch has its on or its off resistance.
 
-    `parts`: elements by kind, such as ``"resistor"`` or ``"switch"``; `node_count`: number of nodes; `files`: names of
-    the files, for messages; `diagnostics`: receives an error for every switch whose state is not determined.
+    The state of a switch follows from the voltage between its control nodes, which voltage sources must fix.  `parts`:
+    elements by kind, such as ``"resistor"`` or ``"switch"``; `node_count`: number of nodes; `files`: names of the
+    files, for messages; `diagnostics`: receives an error for every switch whose state is not determined.
     """
     switches, resistors = parts["switch"], parts["resistor"]
     if not len(switches):

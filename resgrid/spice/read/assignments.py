@@ -12,10 +12,11 @@ _COMMA = re.compile(r"[}\'\")]*,")
 
 
 def assignments(card: Card, tokens: list[Token], *, blanks: bool = False) -> list[Setting]:
-    """Return the ``name=value`` pairs in `tokens`, which are tokens of `card`.
+    """Return the ``name=value`` pairs in `tokens`, which are tokens of the statement `card`.
 
-    `blanks`: whether an expression may contain blanks where the dialect allows it (after ``.param``); in an instance of
-    a subcircuit a blank ends a value.
+    A value may be an expression without quotes, as far as the dialect allows that.  `blanks`: True if such an
+    expression may contain blanks (after ``.param``); False if a blank ends a value (in an instance of a subcircuit).
+    Raises CardError for tokens of another form.
     """
     if card.rules.instances:
         return settings(card, tokens)
@@ -44,7 +45,7 @@ def depths(tokens: list[Token]) -> list[int]:
 def misplaced_comma(card: Card, pairs: list[Setting]) -> int | None:
     """Return the offset in the text of `card` of a comma between a value and the next name; None without such a comma.
 
-    `pairs`: the definitions ``name=value`` of `card`.
+    `pairs`: the definitions ``name=value`` of `card`, in its order.
     """
     for pair, after in pairwise(pairs):
         value = pair.values[-1]
@@ -70,8 +71,8 @@ def _begins_definition(tokens: list[Token], i: int) -> bool:
 def _value(card: Card, parts: list[Token], *, blanks: bool, alone: bool) -> Token | None:
     """Return the tokens of a value as one token; None if there is no value, or only a mark such as ``=``.
 
-    `card`: the card that contains the tokens; `parts`: the tokens after ``name=``; `blanks`: whether an expression may
-    contain blanks; `alone`: whether the card has only this definition.
+    `card`: the statement that contains the tokens; `parts`: the tokens from ``name=`` to the next definition; `blanks`:
+    whether an expression without quotes may contain blanks; `alone`: whether the statement has only this definition.
     """
     if len(parts) == 3 and parts[0].is_mark("(") and parts[2].is_mark(")"):
         parts = parts[1:2]
@@ -86,8 +87,8 @@ def _value(card: Card, parts: list[Token], *, blanks: bool, alone: bool) -> Toke
 def _unquoted(card: Card, parts: list[Token], *, blanks: bool, alone: bool) -> Token:
     """Return an expression without quotes as one token; raise CardError where the dialect does not read it.
 
-    `parts`: tokens of the expression; `blanks`: whether it may contain blanks; `alone`: whether the card has only this
-    definition.
+    `card`: the statement; `parts`: tokens of the expression; `blanks`: whether the expression may contain blanks;
+    `alone`: whether the statement has only this definition, so that some dialects allow blanks.
     """
     begin, end = parts[0].offset, parts[-1].offset + len(parts[-1].text)
     text, form = card.text[begin:end], card.rules.words.loose
@@ -106,8 +107,8 @@ def _unquoted(card: Card, parts: list[Token], *, blanks: bool, alone: bool) -> T
 def _first_gap(card: Card, parts: list[Token], *, inside: bool) -> int | None:
     """Return the offset in the text of `card` of the first token after a gap; None without a gap.
 
-    A gap is a blank or comma outside parentheses, and with `inside` also a blank within parentheses.  `parts`: the
-    tokens of a value.
+    A gap is a blank or comma between two tokens outside parentheses, and with `inside` also a blank within parentheses.
+    `parts`: the tokens of a value.
     """
     for depth, token, after in zip(depths(parts)[1:], parts, parts[1:], strict=False):
         gap = card.text[token.offset + len(token.text) : after.offset]

@@ -56,15 +56,16 @@ class Card:
         return Spot(self.name, line, column + max(offset, 0) - start)
 
     def error(self, offset: int | None, text: str) -> CardError:
-        """Return an error with the message `text` at `offset` in this card; None means the whole card."""
+        """Return an error with the message `text` at the offset `offset` in this card's text; None: the whole card."""
         return CardError(self.spot(offset), text)
 
 
 def cards(lines: Iterable[Line], source: SourceFile, rules: ReadingRules, diagnostics: Diagnostics) -> Iterator[Card]:
-    """Yield the cards (statements) that some lines form; skip blank lines, comments and changes of Spectre's language.
+    """Yield the cards (statements) that some lines form; skip blank lines and comments.
 
-    `lines`: number and text of each line; `source`: the file that contains the lines; `rules`: reading rules of the
-    dialect; `diagnostics`: receives errors.
+    The Spectre statement ``simulator lang=spice`` (or ``spectre``) is skipped, too, and changes the rules for the lines
+    after it.  `lines`: number (counted from 1) and text of each line; `source`: the file that contains the lines;
+    `rules`: reading rules of the dialect; `diagnostics`: receives errors and warnings.
     """
     pieces: list[tuple[int, int, str]] = []
     language, glued = rules, False
@@ -117,9 +118,10 @@ _MICRO = "\N{MICRO SIGN}"
 
 
 def _check_letters(text: str, spot: Spot, source: SourceFile, rules: ReadingRules, diagnostics: Diagnostics) -> None:
-    """Add an error for a non-ASCII blank in a line, and warnings for bytes that may stop the dialect's simulator.
+    """Add an error for a non-ASCII blank in a line, and a warning for letters that may stop the dialect's simulator.
 
-    `text`: the line; `spot`: its position; `source`: the file; `diagnostics`: receives the error and the warnings.
+    These are non-ASCII letters in general, or only those of a file in Latin-1.  `text`: the line; `spot`: position of
+    the line; `source`: the file; `rules`: rules of the dialect; `diagnostics`: receives the error and the warning.
     """
     blank = _WIDE_BLANK.search(text)
     if blank is not None:
@@ -153,7 +155,7 @@ _DOLLAR = re.compile(r"(?:^|[\s,])\$")
 
 
 def strip_comment(line: str, rules: ReadingRules) -> str:
-    """Return a line without its comment; `rules`: reading rules of the dialect.
+    """Return a line without its comment, empty for a line that is a comment; `rules`: reading rules of the dialect.
 
     Examples
     --------
@@ -179,7 +181,7 @@ class Token(NamedTuple):
     """A token of a card.
 
     `kind`: "word", "mark" (``=``, ``(`` or ``)``), "expression" (in braces or single quotes) or "string" (in double
-    quotes); `text`: its characters without quotes or braces; `offset`: position in the text of the card.
+    quotes); `text`: characters of the token without quotes or braces; `offset`: position in the text of the card.
     """
 
     kind: str
@@ -223,8 +225,8 @@ def without_parentheses(tokens: Iterable[Token]) -> list[Token]:
 class Setting(NamedTuple):
     """A ``key=value`` pair of a card.
 
-    `key`: the key in lower case; `offset`: position of the key in the text of the card; `values`: one or several
-    values.
+    `key`: the key in lower case; `offset`: position of the key in the text of the card; `values`: tokens of one or
+    several values.
     """
 
     key: str
@@ -235,7 +237,8 @@ class Setting(NamedTuple):
 def settings(card: Card, tokens: list[Token], several: frozenset[str] = frozenset()) -> list[Setting]:
     """Return the ``key=value`` pairs that `tokens`, a part of the tokens of `card`, consist of; ignore parentheses.
 
-    `several`: keys that may have several values.  Raises CardError for tokens of another form.
+    `several`: keys that may have several values, up to the next key; other keys have one.  Raises CardError for tokens
+    of another form.
     """
     if card.rules.instances:
         return _unquoted_settings(card, tokens)
@@ -284,7 +287,7 @@ def _unquoted_settings(card: Card, tokens: list[Token]) -> list[Setting]:
 
 
 def _begins_pair(tokens: list[Token], i: int) -> bool:
-    """Return whether ``tokens[i]`` is a key, which means that the next token is ``=``."""
+    """Return whether the token after ``tokens[i]`` is ``=``, so that ``tokens[i]`` may be a key."""
     return i + 1 < len(tokens) and tokens[i + 1].is_mark("=")
 
 
@@ -308,10 +311,10 @@ def split_call(tokens: list[Token]) -> tuple[list[Token], list[Token]]:
 
 
 def joined_names(card: Card, tokens: list[Token], count: int) -> list[Token]:
-    """Return the tokens of `card`, where names with parentheses such as ``Net-(R1-Pad2)`` are single tokens.
+    """Return `tokens`, the tokens of `card`, with names in parentheses such as ``Net-(R1-Pad2)`` as single tokens.
 
-    Only some dialects have such names; for the others the tokens are unchanged.  `count`: number of leading tokens of
-    the result that may be such names.
+    Only some dialects have such names; for the others the tokens are returned unchanged.  `count`: number of leading
+    tokens of the result that may be such names.
     """
     if not card.rules.words.joins_brackets or "(" not in card.text:
         return tokens

@@ -1,4 +1,7 @@
-"""Collection of the cards of a deck: include files, library sections, and commands without effect on the circuit."""
+"""Collection of the cards (statements) of a deck from its file, include files and library sections.
+
+Elements are collected; commands are applied, noted as ignored, or rejected.
+"""
 
 from __future__ import annotations
 
@@ -43,25 +46,25 @@ _INCLUSIONS = frozenset((".lib", ".inc", ".include", ".incl"))
 _STATEMENTS = frozenset((*COMMANDS, *_ANALYSES, *_OUTPUTS, *_INCLUSIONS, *_HINTS, ".control", ".end"))
 
 _LOOKED_AT = 200
-"""Number of bytes after the first line that are searched for a ``+``, which continues the first line."""
+"""Number of bytes after the first line of a deck that are searched for a ``+``, which continues the first line."""
 
 _FORMS = {
     "utf-16": "UTF-16",
     "cr": "lines that end in carriage returns alone",
     "bom": "a byte order mark at the beginning of an included file",
 }
-"""Descriptions of unusual files, by the property that `resgrid.spice.read.files.oddities_of` reports."""
+"""Descriptions, for messages, of encodings and line ends that some simulators do not read, by a short key."""
 
 _ELEMENT_LETTERS = frozenset("rvilcsxRVILCSX")
 
 
 @dataclass(eq=False)
 class Collector:
-    """The reader of a deck's files.
+    """The reader of a deck's files, which collects the cards (statements) and applies the commands.
 
-    `library`: files of the deck, which opens include files; `contents`: receives the cards; `quick`: whether lines of
-    the form ``name node node value`` (plain cards) outside subcircuits are read in bulk; `plain`: the plain cards of
-    each file.
+    `library`: files of the deck, which opens include files; `contents`: receives the cards; `quick`: True if lines of
+    the form ``name node node value`` (plain cards) outside subcircuits are read in bulk, False if each is read like
+    other cards, with the same result; `plain`: the plain cards that were read in bulk, one entry for each file.
     """
 
     library: Library
@@ -74,9 +77,9 @@ class Collector:
     _noted: set[Spot] = field(default_factory=set)
 
     def deck(self, source: SourceFile) -> None:
-        """Collect the cards of the deck file `source`.
+        """Collect the cards (statements) of the deck file `source` and of the files that it includes.
 
-        The first line is the title unless it may be a command or an element.
+        The first line is the title unless it is a command or may be an element; the latter is decided later.
         """
         self._note_encoding(source, begins=False)
         start = source.data.index(b"\n") + 1
@@ -100,7 +103,8 @@ class Collector:
     def _note_encoding(self, source: SourceFile, *, begins: bool) -> None:
         """Add warnings about encodings, line ends and comments that the dialect's simulator treats differently.
 
-        `source`: the file to examine; `begins`: whether its first line is read, and is not a title.
+        `source`: the file to examine; `begins`: True for an included file whose first line is read, where a byte order
+        mark is reported; False for the deck's own file, or if the first line of an included file is skipped.
         """
         rules = self.contents.rules
         harmless = set[str]() if begins else {"bom"}
@@ -147,10 +151,10 @@ class Collector:
         return cards(lines, source, self.contents.rules, self.contents.diagnostics)
 
     def _lines(self, source: SourceFile, start: int) -> Iterator[tuple[int, str]]:
-        """Return the numbers and texts of the lines of a file from the byte offset `start` on.
+        """Return the numbers (counted from 1) and texts of the lines of a file from the byte offset `start` on.
 
-        Lines of the form ``name node node value`` (plain cards) are omitted if they are read in bulk; their elements
-        are then added to `plain`.
+        Lines of the form ``name node node value`` (plain cards) are left out if they are read in bulk; `plain` then
+        holds their elements.  `source`: the file.
         """
         words = self.contents.rules.words
         misread = words.misread.get("node", frozenset()) | words.common_nodes
@@ -161,9 +165,10 @@ class Collector:
         return self.plain[-1].other_lines(lambda: len(self.contents.open) == 1 and not self._skipping)
 
     def _take(self, stream: Iterable[Card], source: SourceFile) -> None:
-        """Collect the cards of a file: add elements to the innermost open deck or subcircuit, and apply commands.
+        """Collect the cards of a file: apply commands, and add elements to the innermost subcircuit that is not closed.
 
-        `stream`: the cards; `source`: the file that contains them.
+        Outside subcircuits, elements are added to the deck.  Errors are collected; one reports each subcircuit that the
+        file opens and does not close.  `stream`: the cards; `source`: the file that contains the cards.
         """
         contents = self.contents
         depth = len(contents.open)
@@ -239,7 +244,7 @@ class Collector:
         return ""
 
     def _note(self, card: Card, word: str) -> None:
-        """Add a note that a command is ignored; raise CardError for one that changes the operating point or is unknown.
+        """Add a note that a command is ignored; raise CardError for conditions, stray ends of blocks, unknown commands.
 
         `card`: the card of the command; `word`: the command in lower case.
         """
@@ -262,8 +267,8 @@ class Collector:
     def _skip(self, card: Card, stream: Iterable[Card], until: str) -> None:
         """Skip the cards of `stream` up to the command `until`; raise CardError if that command is missing.
 
-        In a control block, a warning reports commands that would change the circuit.  `card`: the card that begins the
-        block.
+        For a control block (``.control`` to ``.endc``), a note states that its commands are not run; the note is a
+        warning if one of them would change the circuit.  `card`: the card that begins the skipped group.
         """
         self._skipping = True
         changing: list[str] = []
@@ -289,8 +294,8 @@ class Collector:
     def _include(self, card: Card, word: str, source: SourceFile, stream: Iterable[Card]) -> None:
         """Collect the cards of the include file or library section that `card` names.
 
-        A ``.lib`` card that begins the definition of a section is skipped to its ``.endl``.  `word`: the command in
-        lower case; `source`: the file that contains `card`; `stream`: the cards after it.
+        A ``.lib`` card that begins the definition of a section is skipped, with the cards up to ``.endl``.  `word`: the
+        command in lower case; `source`: the file that contains `card`; `stream`: the cards after `card`.
         """
         words, section, place = _file_and_section(card, word)
         if len(words) != 1:
@@ -325,7 +330,10 @@ class Collector:
             self._including.pop()
 
     def _note_library(self, card: Card, form: str) -> None:
-        """Add a warning about a ``.lib`` card at which the dialect's simulator stops; `form`: its form, as text."""
+        """Add a warning that the dialect's simulator stops at a form of ``.lib`` card, in dialects where this is so.
+
+        `form`: text for the form of `card`, such as "without the name of a section".
+        """
         if card.rules.refusals.loose_libraries:
             text = f"{card.rules.name} stops at .lib {form}"
             self.contents.diagnostics.refuse(card.spot(), text)

@@ -1,4 +1,7 @@
-"""Reader of dot commands: subcircuits, parameters, functions, models, options and temperatures."""
+"""Content of a deck (`Contents`) and the dot commands that change it, such as ``.subckt`` and ``.param``.
+
+The commands define subcircuits, parameters, functions, models, global nodes, options, temperatures and the title.
+"""
 
 from __future__ import annotations
 
@@ -98,7 +101,7 @@ class Contents:
     def _spell(self, card: Card, name: str, offset: int) -> None:
         """Raise CardError in a case-sensitive dialect if an earlier name of the deck differs from `name` only by case.
 
-        `offset`: position of `name` in the text of `card`.
+        The names are those of subcircuits and parameters.  `offset`: position of `name` in the text of `card`.
         """
         if card.rules.instances and self._spellings.setdefault(name.lower(), name) != name:
             other = self._spellings[name.lower()]
@@ -107,7 +110,7 @@ class Contents:
             )
 
     def _subcircuit(self, card: Card) -> None:
-        """Open the block of a ``.subckt`` card and record its name, terminals and default parameters."""
+        """Begin the subcircuit of a ``.subckt`` card, and record its name, terminals and default parameters."""
         positional, tail = split_call(tokenise(card)[1:])
         if not positional or any(token.kind != "word" for token in positional):
             raise card.error(0, f"{word_for(card.rules, '.subckt')} needs a name and its terminals")
@@ -167,7 +170,10 @@ class Contents:
                 raise card.error(token.offset, f"{card.rules.name} misreads a {kind} called {token.text!r}: rename it")
 
     def _ends(self, card: Card) -> None:
-        """Close the innermost open subcircuit; raise CardError if none is open or the name in the card differs."""
+        """End the innermost open subcircuit, as the card ``.ends`` demands.
+
+        Raises CardError if no subcircuit is open, or if the card names another one.
+        """
         words = card.text.split()
         if len(self.open) == 1:
             raise card.error(0, f"{words[0]} closes no open subcircuit: remove it, or add the missing beginning")
@@ -176,7 +182,7 @@ class Contents:
             raise card.error(0, f"{words[0]} {words[1]} closes the subcircuit {block.name}: one is missing or misspelt")
 
     def _parameters(self, card: Card) -> None:
-        """Add the definitions of a ``.param`` card to the innermost open block."""
+        """Add the definitions of a ``.param`` card to the innermost open subcircuit, or to the deck outside of all."""
         tokens = tokenise(card)[1:]
         if len(tokens) > 1 and tokens[0].kind == "word" and tokens[1].is_mark("(") and not card.rules.instances:
             self._function(card)
@@ -200,7 +206,10 @@ class Contents:
         self.diagnostics.warn(card.spot(setting.offset), "a parameter is defined again: the last definition counts")
 
     def _function(self, card: Card) -> None:
-        """Add the function of ``.func f(x, y) {body}`` or ``.param f(x, y) = 'body'`` to the innermost open block."""
+        """Add the function of a card to the innermost open subcircuit, or to the deck outside of all.
+
+        The forms are ``.func f(x, y) {body}`` and ``.param f(x, y) = 'body'``.
+        """
         tokens = tokenise(card)[1:]
         texts = [token.text if token.kind in ("mark", "word") else "" for token in tokens]
         if len(tokens) < 4 or texts[1] != "(" or ")" not in texts:
@@ -225,9 +234,9 @@ class Contents:
         self.block.functions[name] = Definition(card, expression, arguments)
 
     def _body(self, card: Card, body: list[Token]) -> Token:
-        """Return the expression of a function's definition as one token; raise CardError if it lacks necessary quotes.
+        """Return the expression that defines a function as one token; raise CardError if it lacks necessary quotes.
 
-        `card`: the definition; `body`: its tokens after the argument list.
+        `card`: the definition; `body`: tokens of the definition after the argument list and an equals sign.
         """
         if len(body) == 1 and body[0].kind != "mark":
             refuse_quotes(card, body[0])
@@ -241,7 +250,7 @@ class Contents:
         return Token("expression", card.text[begin:end], begin)
 
     def _model(self, card: Card) -> None:
-        """Add the model of a ``.model`` card to the innermost open block."""
+        """Add the model of a ``.model`` card to the innermost open subcircuit, or to the deck outside of all."""
         tokens = tokenise(card)[1:]
         if len(tokens) < 2 or tokens[0].kind != "word" or tokens[1].kind != "word":
             raise card.error(0, f"{word_for(card.rules, '.model')} needs a name and a kind")
@@ -262,7 +271,10 @@ class Contents:
         models[name] = Model(tokens[0].text, kind, keys, card, self.block)
 
     def _global(self, card: Card) -> None:
-        """Add the node names of a ``.global`` card to the global nodes."""
+        """Add the node names of a ``.global`` card to the global nodes, which all subcircuits share.
+
+        In Spectre, the first name is another name of ground.
+        """
         names = [word.lower() for word in card.text.split()[1:]]
         if card.rules.instances and names:  # the first one is ground
             self.grounds |= {names.pop(0)}
@@ -321,10 +333,10 @@ class Contents:
         self._set_temperature(".temp" if self.rules.temp_command_first else "temp", card, tokens[0])
 
     def _set_temperature(self, key: str, card: Card, token: Token) -> None:
-        """Record the token of a temperature, which is evaluated later, when all parameters are known.
+        """Record `token`, a temperature on `card`, which is evaluated later, when all parameters are known.
 
-        `key`: ``temp`` or ``tnom`` of an option, or ``.temp`` for the command in a dialect where it overrides the
-        option.
+        `key`: ``temp`` (simulation) or ``tnom`` (nominal temperature), or ``.temp`` for the command in a dialect where
+        the command overrides the option.  Raises CardError for a form that the dialect's simulator ignores.
         """
         unit = _WITH_UNIT.match(token.text) if token.kind == "word" and key[0] != "." else None
         if unit is not None and self.rules.braced_temperatures:  # ngspice drops all text after a number and its suffix
@@ -335,7 +347,10 @@ class Contents:
         self._temperatures[key] = (card, token)
 
     def _preprocess(self, card: Card) -> None:
-        """Apply ``.preprocess replaceground``, which adds names of ground; add a note about other preprocessing."""
+        """Apply ``.preprocess replaceground true``: ``gnd``, ``gnd!`` and ``ground`` become names of ground.
+
+        For other preprocessing, a note states that it is ignored.
+        """
         words = card.text.lower()
         if "replaceground" in words and "true" in words:
             self.grounds = frozenset({"0", "gnd", "gnd!", "ground"})

@@ -26,7 +26,7 @@ _HEAD = 4096
 """Number of bytes at the beginning of a sidecar that are searched for the name of the dialect."""
 
 _LOOKED_AT = 65536
-"""Number of bytes at the beginning and at the end of a deck that are searched for signs of its dialect."""
+"""Number of bytes at the beginning, and at the end, of a deck that are searched for text of one dialect only."""
 
 _STATED = re.compile(rb'"dialect": "([a-z]+)"')
 
@@ -54,22 +54,23 @@ def read_spice(
 
     Parameters
     ----------
-    file : path-like or text file
-        The circuit.
+    file : path-like or open file
+        The circuit: a path, or a deck as a text or binary file object.
     dialect : {"auto", "ngspice", "ltspice", "xyce", "hspice", "spectre"}
         Simulator whose rules apply to a deck.  ``"auto"`` takes the dialect of the deck's sidecar, or else the one that
         its suffix or its text indicates, or else ngspice.
     root : path-like, optional
-        Folder that contains all include files, with links resolved; by default the deck's own folder.
+        Folder that must contain all include files, with links resolved; by default the deck's own folder.  The includes
+        of an open file are rejected without `root`.
     max_elements : int, optional
         Maximum number of elements after the expansion of subcircuits.  The default is 500,000, or 5,000 per line if
         that is more, and at most 20 million.
     measure : {"resistance", "conductance"}, optional
         Quantity of the numbers in an edge list and its grounds; by default that of the heading, or else resistance.
     sources : path-like, optional
-        For an edge list: lines ``node amperes``, currents injected into nodes.
+        For an edge list: file with lines ``node amperes``, positive for a current injected into the node.
     grounds : path-like, optional
-        For an edge list: lines ``node ohms`` (or siemens) to ground; 0 ohm holds the node at 0 V.
+        For an edge list: file with lines ``node ohms`` (or siemens) to ground; 0 ohm holds the node at 0 V.
 
     Returns
     -------
@@ -79,7 +80,8 @@ def read_spice(
     Raises
     ------
     InputError
-        If the file cannot be read, or has errors: up to 20, one per line, with file, line and column.
+        If the file cannot be read, or has errors.  For a deck, the message lists up to 20 errors, one per line, with
+        file, line and column.
     BudgetError
         If the expanded circuit exceeds `max_elements`.
 
@@ -120,7 +122,7 @@ def read_with(
     least_bytes: int = LEAST_BYTES,
     rules: ReadingRules | None = None,
 ) -> Circuit:
-    """Return the circuit of a deck.
+    """Return the circuit of a deck; raise InputError with all errors of the deck if the deck cannot be read.
 
     `path`: path or open file; `dialect`: name of the dialect, or "auto" to take it from the sidecar, suffix or text;
     `root`: folder that must contain all included files, None for the deck's folder; `max_elements`: maximum number of

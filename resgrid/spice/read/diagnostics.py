@@ -1,4 +1,4 @@
-"""Diagnostics of the deck reader: errors, collected up to a limit, and notes, where equal notes are counted."""
+"""Diagnostics of the deck reader: errors, collected up to a limit, and notes; equal notes are one note with a count."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Diagnostics:
     _outcomes: dict[str, Literal["fails", "unsure"]] = field(default_factory=dict)
 
     def error(self, error: CardError) -> None:
-        """Add an error; raise DeckError when the number of errors reaches `MAX_ERRORS`."""
+        """Add an error; raise DeckError, which lists all errors, when their number reaches 20 (`MAX_ERRORS`)."""
         self.errors.append(str(error))
         if len(self.errors) >= MAX_ERRORS:
             self.errors.append(f"and there may be more: reading stopped after {MAX_ERRORS} errors")
@@ -86,7 +86,7 @@ class Diagnostics:
         self._note("warning", spot, text, 1)
 
     def inform(self, spot: Spot, text: str) -> None:
-        """Add a note of severity "info" to the notes; `spot`: position; `text`: the message."""
+        """Add a note of severity "info"; `spot`: position in the deck; `text`: the message."""
         self._note("info", spot, text, 1)
 
     def _note(self, severity: Severity, spot: Spot, text: str, count: int) -> None:

@@ -21,17 +21,17 @@ WIDTHS = {
 }
 """Number of nodes and number of values of an element, by kind.
 
-Values of a resistor: ohms, tc1 and tc2 at the deck's nominal temperature.  Values of a voltage source: volts, and 1 if
-the source replaces an inductor.  Values of a nonlinear resistor: amperes and volts.  Values of a switch: on and off
-resistance in ohms, the control voltages at which the switch is on and off, and the state between these voltages (1 on,
-0 off).
+Values of a resistor: ohms, tc1 (1/K) and tc2 (1/K^2) at the deck's nominal temperature.  Values of a voltage source:
+volts, and 1 if the source replaces an inductor, else 0.  Values of a nonlinear resistor: I0 in amperes and V0 in volts
+of the current ``I0 tanh(V / V0)``.  Values of a switch: on and off resistance in ohms, the control voltages in volts
+beyond which the switch is on and off, and the state between these voltages (1 on, 0 off, NaN neither).
 """
 
 RESISTIVE = {"resistor": 1, "switch": 2}
-"""Number of values, counted from the first, that are divided by the multiplier ``m=`` (number of parallel elements).
+"""Number of leading values of an element that are divided by the multiplier ``m=`` (number of parallel elements).
 
-The keys are kinds of element.  In other kinds, the first value is multiplied by the multiplier; voltage sources ignore
-the multiplier.
+The keys are kinds of element; the values are resistances.  In other kinds, the first value is multiplied by the
+multiplier, except in voltage sources, which ignore the multiplier.
 """
 
 
@@ -39,9 +39,9 @@ the multiplier.
 class NodeTable:
     """Node numbers of a block (the deck or a subcircuit) by name, regardless of case.
 
-    A node keeps the spelling of its first use.  `grounds`: names of ground in lower case; `exact`: whether the dialect
-    is case-sensitive; `clashes`: names that differ from earlier ones only by case in a case-sensitive dialect; `names`:
-    names of the nodes by number; `aliases`: names of ground, other than ``0``, that the block uses.
+    A node keeps the spelling of its first use in the deck.  `grounds`: names of ground in lower case; `exact`: whether
+    the dialect is case-sensitive; `clashes`: names that differ from earlier ones only by case, collected if `exact`;
+    `names`: names of the nodes by number; `aliases`: names of ground, other than ``0``, that the block uses.
     """
 
     grounds: frozenset[str]
@@ -135,13 +135,13 @@ class NodeTable:
 
 @dataclass(frozen=True, eq=False)
 class ElementArrays:
-    """Elements of one kind as arrays.
+    """Arrays of n elements of one kind.
 
-    `names`: function that returns the names of the elements; `nodes` (n, nodes): node numbers; `values` (n, values), or
-    (n, 1) if all values but the first are zero, in the columns that `WIDTHS` lists; `place` (n, 2): index of the file,
-    and line of the element's card; `order` (n,): position in the deck (file index times ``2**40`` plus line number) of
-    the outermost instance that contains the element, or of the element itself; None if all elements are outside
-    instances and sorted.
+    `names`: function that returns the names of the elements; `nodes` (n, nodes per element): node numbers; `values` (n,
+    values per element), such as ohms, tc1 and tc2 of resistors, or (n, 1) if all but the first are zero (`WIDTHS` lists
+    the columns); `place` (n, 2): index of the file, and line of the element's card; `order` (n,): position in the deck
+    (file index times ``2**40`` plus line number) of the outermost instance that contains the element, or of the element
+    itself; None if all elements are outside instances and sorted.
     """
 
     names: Callable[[], list[str]]
@@ -168,7 +168,7 @@ def order_of(place: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 Row = tuple[str, tuple[int, ...], tuple[float, ...], tuple[int, int]]
-"""Name, node numbers, values, and (file, line) of one element."""
+"""Name, node numbers, values, and place (index of the file, line) of one element."""
 
 
 @dataclass(eq=False)
@@ -191,8 +191,8 @@ class Elements:
     def add(self, kind: str, name: str, nodes: Iterable[str], values: tuple[float, ...], card: Card) -> None:
         """Add one element to `rows`, and its nodes to `nodes` if they are new.
 
-        `kind`: kind of element, a key of `WIDTHS`; `name`: name of the element; `nodes`: names of the nodes; `values`:
-        values in the columns of `WIDTHS`; `card`: the card (statement of the deck) of the element.
+        `kind`: kind of element, such as "resistor"; `name`: name of the element; `nodes`: names of the nodes; `values`:
+        values of this kind, such as ohms, tc1 and tc2 (`WIDTHS` lists them); `card`: the element's card (statement).
         """
         number_of, order = self.nodes.number_of, card.file << 40 | card.line
         self.rows[kind].append(
@@ -247,7 +247,7 @@ def widened(kind: str, values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _sorted(part: ElementArrays) -> ElementArrays:
-    """Return the elements `part`, sorted by their positions in the deck (`ElementArrays.ordered`)."""
+    """Return the elements `part`, sorted by position in the deck: index of the file, then line."""
     if part.order is None or np.all(part.order[1:] >= part.order[:-1]):
         return part
     order = np.argsort(part.order, kind="stable")

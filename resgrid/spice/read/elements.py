@@ -67,10 +67,10 @@ _SPECTRE_KEYS = {"trise": "dtemp"}
 
 @dataclass(frozen=True, eq=False)
 class Element:
-    """The card of an element with two nodes, split into name, nodes and values.
+    """The card (statement) of an element with two nodes, split into name, nodes and values.
 
-    `name`: name of the element; `nodes`: names of the nodes; `positional`: tokens after the nodes that have no key;
-    `pairs`: the ``key=value`` pairs; `keys`: numerical values of the pairs, by key.
+    `card`: the card; `name`: name of the element; `nodes`: names of the nodes; `positional`: tokens after the nodes
+    that have no key; `pairs`: the ``key=value`` pairs; `keys`: numerical values of the pairs, by key in lower case.
     """
 
     card: Card
@@ -81,20 +81,20 @@ class Element:
     keys: dict[str, list[float]]
 
     def value(self, key: str, default: float) -> float:
-        """Return the first value of a key, `default` if the card does not have the key."""
+        """Return the first number that the card of this element states for a key, or `default` without this key."""
         return self.keys[key][0] if key in self.keys else default
 
 
 def letter_of(card: Card, block: Block) -> str:
-    """Return the letter of an element's kind, such as "r" or "x" (instance); `block`: deck or subcircuit of `card`."""
+    """Return an element's SPICE letter, such as "r" or "x" (instance); `block`: deck or subcircuit of `card`."""
     return spectre.letter_of(card, block) if card.rules.instances else card.text[0].lower()
 
 
 def read_element(card: Card, letter: str, scope: Scope, elements: Elements) -> None:
     """Add the element of a card to `elements`; raise CardError if elements of its kind cannot be read.
 
-    `letter`: letter of the element's kind, in lower case; `scope`: parameter values of the block that contains the
-    card.
+    Coupled inductors add nothing, because they have no effect at direct current.  `letter`: letter of the element's
+    kind, in lower case; `scope`: parameter values of the deck or subcircuit that contains the card.
     """
     refused = card.rules.refused_elements.get(letter)
     if refused is not None:
@@ -149,8 +149,9 @@ def multiplier(card: Card, value: float) -> float:
 def _split(card: Card, scope: Scope, known: str = "") -> Element:
     """Return the card of an element with two nodes, split into name, nodes and values.
 
-    `scope`: parameter values of the block; `known`: keys that are admissible for this kind of element in addition to
-    `_VALUE_KEYS`, separated by blanks; if `known` is empty, the result has no values of keys.
+    `scope`: parameter values; `known`: keys that this kind of element may have, separated by blanks, in addition to
+    the keys of all elements (`_VALUE_KEYS`: temperature coefficients, temperatures, ``m`` and ``scale``); if `known` is
+    empty, the keys are not evaluated, and the result has no values of keys.
     """
     tokens = tokenise(card)
     if card.rules.instances:
@@ -171,7 +172,7 @@ def _split(card: Card, scope: Scope, known: str = "") -> Element:
 
 
 def _note_key(card: Card, key: str, offset: int, scope: Scope) -> None:
-    """Add a warning about a key at which the dialect's simulator stops.
+    """Add a warning that the dialect's simulator stops at a key of this kind of element.
 
     `key`: the key; `offset`: its position in the text of `card`; `scope`: scope whose diagnostics receive the warning.
     """
@@ -185,7 +186,7 @@ def _values_of(
     """Return the values of the keys in `pairs`, by key; raise CardError for unknown and repeated keys.
 
     `card`: the card of the element; `known`: the keys that the element may have; `scope`: parameter values.  Keys
-    without effect at direct current are left out.
+    without effect at direct current are left out of the result.
     """
     values: dict[str, list[float]] = {}
     for pair in pairs:
@@ -265,8 +266,8 @@ def _model_and_value(
     """Return the model that an element's card names and the value that it states, each None if missing.
 
     The value has no key or one of the `keys`.  `scope`: parameter values; `kinds`: kinds of model that fit the element;
-    `quantity`: name of the value for the error about a second value, empty if several values are allowed (the first one
-    is returned).
+    `quantity`: name of the value for the error about a second value; empty if several values are allowed, of which the
+    first is returned.
     """
     card, model, values = element.card, None, []
     for token in element.positional:
@@ -300,9 +301,10 @@ def _model_and_value(
 
 
 def _read_source(kind: str, card: Card, scope: Scope, elements: Elements) -> None:
-    """Add the source of a card to `elements`, with its value at direct current; its series resistance is a resistor.
+    """Add the source of a card to `elements`, with its value at direct current.
 
-    `kind`: "voltage source" or "current source"; `scope`: parameter values of the block.
+    A series resistance (``rser=``) is added as a resistor, with a new node between it and the source.  `kind`: "voltage
+    source" or "current source"; `scope`: parameter values.
     """
     tokens = tokenise(card)
     if card.rules.instances:
@@ -332,7 +334,7 @@ def _read_source(kind: str, card: Card, scope: Scope, elements: Elements) -> Non
 
 
 def _read_capacitor(card: Card, scope: Scope, elements: Elements) -> None:
-    """Add the capacitor of a card to `elements`, in farads; a capacitance that only a model states becomes 0."""
+    """Add the capacitor of a card to `elements`, in farads; a capacitance that only a model gives is entered as 0 F."""
     element = _split(card, scope, " ".join(("c l w", *card.rules.capacitor_keys)))
     model, farads = _model_and_value(element, scope, frozenset({"c", "cap", "capacitor"}), "capacitance", "c")
     if farads is None:
@@ -347,7 +349,7 @@ def _read_capacitor(card: Card, scope: Scope, elements: Elements) -> None:
 
 
 def _read_inductor(card: Card, scope: Scope, elements: Elements) -> None:
-    """Add the inductor of a card to `elements`: a voltage source of 0 V, or a resistor for its series resistance."""
+    """Add the inductor of a card to `elements`: a resistor if it has a series resistance, else a source of 0 V."""
     element = _split(card, scope, " ".join(("l nt", *card.rules.inductor_keys)))
     model, henries = _model_and_value(element, scope, frozenset({"l", "ind", "inductor"}), "", "l")
     if henries is None and model is None:
@@ -368,7 +370,10 @@ def _read_inductor(card: Card, scope: Scope, elements: Elements) -> None:
 
 
 def _read_switch(card: Card, scope: Scope, elements: Elements) -> None:
-    """Add the switch of a card to `elements`: two nodes of its contact, two of its control, and its model's values."""
+    """Add the switch of a card to `elements`: two nodes of its contact, two of its control, and its model's values.
+
+    Its ``ON`` or ``OFF``, by default off, is the state between the thresholds.
+    """
     tokens = tokenise(card)
     nodes, rest = read_nodes(card, tokens, 4)
     words = [token for token in rest if token.kind == "word"]

@@ -1,4 +1,4 @@
-"""Functions of expressions in decks, by resgrid's names; each dialect maps the names in its decks to these names."""
+"""Functions that expressions in decks may call, by resgrid's names; each dialect maps its own names to these names."""
 
 from __future__ import annotations
 

@@ -77,8 +77,9 @@ class _Token(NamedTuple):
 def evaluate(text: str, rules: ReadingRules, lookup: Lookup, call: Call) -> float:
     """Return the value of an expression.
 
-    `lookup`: function from the name of a parameter to its value; `call`: function from the name of a function of the
-    deck, its argument values and `lookup` to the value; both return None for unknown names.  Raises ExpressionError.
+    `rules`: reading rules of the dialect; `lookup`: function from the name of a parameter to its value; `call`:
+    function from the name of a function that the deck defines, its argument values and `lookup` to its value; both
+    return None for unknown names.  Raises ExpressionError.
 
     Examples
     --------
@@ -104,8 +105,8 @@ def evaluate(text: str, rules: ReadingRules, lookup: Lookup, call: Call) -> floa
 def _names(text: str, exact: bool) -> tuple[str, ...] | None:
     """Return the parameter names in an expression, in order; None if the expression calls functions.
 
-    The deck itself may define functions, so such an expression needs the evaluation by tokens.  `exact`: whether names
-    of Spectre's constants keep their case.
+    The deck may define functions, so such an expression must be parsed at every evaluation.  `exact`: whether the
+    names of Spectre's constants (``M_PI``, ...) keep their case; all other names are in lower case.
     """
     tokens = _tokens(text)
     if any(token.kind == "name" and after.text == "(" for token, after in pairwise(tokens)):
@@ -131,7 +132,7 @@ def folded_name(name: str, exact: bool) -> str:
 
 @lru_cache(maxsize=65536)
 def _value_with(text: str, rules: ReadingRules, values: tuple[float, ...]) -> float:
-    """Return the value of an expression without function calls; `values`: parameter values in the order of `_names`."""
+    """Return the value of an expression without function calls; `values`: of the parameters, in order of occurrence."""
     given = dict(zip(_names(text, rules.instances) or (), values, strict=True))
     return _value(text, rules, given.get, lambda *_: None)
 
@@ -221,7 +222,7 @@ class _Reader:
         self.position += 1
 
     def _binary(self, level: int) -> float:
-        """Consume operands and operators of precedence `level` (1 weakest, 5 tightest) or more; return their value."""
+        """Consume operands and operators of precedence at least `level` (1 weakest, 5 tightest); return the value."""
         left = self._signed()
         while self._now.text in _BINARY and level <= _BINARY[self._now.text][0]:
             token = self._now
@@ -236,7 +237,7 @@ class _Reader:
         return left
 
     def _check_truth(self, *values: float) -> None:
-        """Raise ExpressionError for a nonzero condition of at most 0.5 if only values above 0.5 count as true."""
+        """Raise ExpressionError for a nonzero condition of at most 0.5, in dialects where values above 0.5 are true."""
         if self.rules.words.true_above_half and any(bool(value) != (value > 0.5) for value in values):
             label = self.rules.name
             raise ExpressionError(self._now.offset, f"in {label} only values above 0.5 are true: write a comparison")
@@ -258,7 +259,7 @@ class _Reader:
         return -value if sign.text == "-" else value
 
     def _refuse_misread(self, sign: _Token) -> None:
-        """Raise ExpressionError unless `sign`, after an operator other than ``!``, is a minus before a plain number."""
+        """Raise ExpressionError unless `sign` is a minus before a plain number and not after ``!``."""
         number, after = (self.tokens[min(self.position + i, len(self.tokens) - 1)] for i in (1, 2))
         is_plain = number.kind == "number" and after.text not in _POWERS
         if sign.text == "+" or not is_plain or self.tokens[self.position - 1].text == "!":

@@ -1,4 +1,4 @@
-"""The files of a deck, which are read only if they lie below a root folder."""
+"""Files of a deck: reading below a root folder only, encodings, and conversion to text with LF line ends."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ MAX_FILES = 200
 """Maximum number of files of a deck, including the deck itself; more files raise InputError."""
 
 _LOOKED_AT = 4096
-"""Number of bytes at even offsets, and as many at odd offsets, whose zeros are counted to recognize UTF-16."""
+"""Number of bytes at even offsets, and as many at odd offsets, in which zeros are counted to recognize UTF-16."""
 
 _BOMS = ((codecs.BOM_UTF8, "utf-8"), (codecs.BOM_UTF16_LE, "utf-16-le"), (codecs.BOM_UTF16_BE, "utf-16-be"))
 
@@ -27,8 +27,9 @@ class SourceFile:
     """The content of one file.
 
     `number`: index among the files of the deck; `name`: name for messages; `path`: path with links resolved, None for
-    text without a file; `data`: UTF-8 or Latin-1 text without byte order mark, with LF line ends and a final one;
-    `oddities`: unusual properties of the original file (`oddities_of`).
+    text without a file; `data`: UTF-8 or Latin-1 text without byte order mark, with LF line ends and a final LF;
+    `oddities`: unusual properties of the original file: "utf-16", "bom" (byte order mark of UTF-8), "cr" (carriage
+    returns as line ends).
     """
 
     number: int
@@ -42,16 +43,17 @@ class SourceFile:
 class Library:
     """The files of one deck.
 
-    `root`: folder that must contain the include files, None if includes are not allowed; `sources`: the files.
+    `root`: folder that must contain the include files, None if includes are not allowed; `sources`: the files that have
+    been read, the deck first.
     """
 
     root: Path | None
     sources: list[SourceFile] = field(default_factory=list)
 
     def add(self, name: str, path: Path | None, data: bytes) -> SourceFile:
-        """Add a file and return it; raise InputError above `MAX_FILES` files.
+        """Add a file to the library and return it; raise InputError above 200 files (`MAX_FILES`).
 
-        `name`: name for messages; `path`: resolved path, None for text without a file; `data`: content.
+        `name`: name for messages; `path`: resolved path, None for text without a file; `data`: content in any encoding.
         """
         if len(self.sources) >= MAX_FILES:
             raise InputError(f"{name}: more than {MAX_FILES} files are included")
@@ -60,7 +62,7 @@ class Library:
         return source
 
     def open(self, path: Path, name: str) -> SourceFile:
-        """Return the file at `path`, which is read at the first use only; `name`: name for messages."""
+        """Return the file at `path`, which is read once and then kept in the library; `name`: name for messages."""
         resolved = resolve(path, name)
         known = next((source for source in self.sources if source.path == resolved), None)
         return known or self.add(name, resolved, deck_bytes(resolved, name))
@@ -68,9 +70,10 @@ class Library:
     def find(self, file: str, including: SourceFile, *, starts: bool = False) -> tuple[Path, str]:
         """Return the path and name of an include file; raise InputError if it is missing or outside the root.
 
-        The name is for messages.  `file`: name in the include statement; `including`: the file that contains the
-        statement; `starts`: whether the simulator prefers the folder in which it is started to that of `including`, so
-        that different files of this name in the deck's folder and in that of `including` are an error.
+        The file is searched for in the folder of the including file, then in the root.  The returned name is for
+        messages.  `file`: name in the include statement; `including`: the file that contains the statement; `starts`:
+        True if the dialect's simulator prefers the folder in which it is started, so that a different file of this name
+        in the deck's folder is an error; False if such a file does not matter.
         """
         if self.root is None:
             raise InputError(f"{file!r} is included, but the deck has no folder: give the root to read below")
@@ -90,9 +93,9 @@ class Library:
         )
 
     def _refuse_two(self, file: str, path: Path) -> None:
-        """Raise InputError if the deck's folder holds a different file of this name.
+        """Raise InputError if the deck's folder holds a file of the same name as an include file, but another content.
 
-        `file`: name in the include statement; `path`: path of the included file.
+        `file`: name in the include statement; `path`: path of the file that is included.
         """
         deck = self.sources[0].path
         if deck is None or self.root is None:
@@ -123,7 +126,7 @@ def resolve(path: Path, name: str) -> Path:
 
 
 def deck_bytes(path: Path, name: str) -> bytes:
-    """Return the content of a regular file; raise InputError for other paths and for more than `MAX_BYTES` bytes.
+    """Return the content of a regular file; raise InputError for other paths and above about 2 GB (`MAX_BYTES`).
 
     `name`: name of the file in messages.
     """
@@ -131,9 +134,10 @@ def deck_bytes(path: Path, name: str) -> bytes:
 
 
 def normalise(data: bytes, name: str) -> bytes:
-    """Return the content of a file as UTF-8 or Latin-1 without byte order mark, with LF line ends and a final one.
+    """Return the content of a file without byte order mark, with LF line ends and a final LF.
 
-    Raises InputError for a zero byte.  `data`: content of the file; `name`: name of the file in messages.
+    UTF-16 is converted to UTF-8; UTF-8 and Latin-1 stay.  Raises InputError for a zero byte.  `data`: content of the
+    file; `name`: name of the file in messages.
     """
     mark, coding = coding_of(data)
     data = data[len(mark) :] if mark else data
@@ -190,6 +194,6 @@ def decode(data: bytes) -> str:
 
 
 def read_text(path: str | os.PathLike[str]) -> str:
-    """Return the text of a file with LF line ends and a final one; raise InputError if the file cannot be read."""
+    """Return the text of a file with LF line ends and a final LF; raise InputError if the file cannot be read."""
     name = os.fspath(path)
     return decode(normalise(deck_bytes(Path(name), name), name))

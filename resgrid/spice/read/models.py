@@ -1,4 +1,4 @@
-"""Values of resistors and switches from ``.model`` cards.
+"""Values that resistors and switches get from ``.model`` cards (statements that define named parameter sets).
 
 ngspice manual, section 3.3.2 (semiconductor resistor): ``R = RSH (L - 2 SHORT) / (W - 2 NARROW)``, with ``L`` and ``W``
 of 10 micrometres by default; SPICE3 and Xyce subtract the reductions once.  Section 3.2.14 (switches).
@@ -37,7 +37,9 @@ _SWITCH_KEYS = frozenset({"ron", "roff", "vt", "vh", "von", "voff"})
 def model_values(model: Model, scope: Scope, known: frozenset[str]) -> dict[str, float]:
     """Return the values of a model's keys, by key in lower case; raise CardError for an unknown or repeated key.
 
-    `model`: the model; `scope`: scope of the element that uses the model; `known`: the keys that the model may have.
+    Alternative names of a key are replaced by the usual one; keys without effect on resistances are left out.  `model`:
+    the model; `scope`: parameter values of the deck or subcircuit with the element that uses the model; `known`: the
+    keys that the model may have.
     """
     values: dict[str, float] = {}
     home, rules = scope.scope_of(model.block), model.card.rules
@@ -69,10 +71,10 @@ def modelled_resistor(
 ) -> tuple[float, float, float, float, float]:
     """Return the resistance in ohms, tc1, tc2, the reference temperature and tce of a resistor with a model.
 
-    `card`: card of the resistor; `scope`: scope of the resistor; `ohms`: value on the card, None without a value;
-    `length, width`: on the card, in metres, None without a value.  The reference temperature is in degrees Celsius, NaN
-    for the nominal one; tc1 is in 1/K and tc2 in 1/K^2; tce, in 1/K, multiplies the resistance by ``1.01**(tce d)`` at
-    ``d`` kelvin above the reference temperature.
+    The resistance holds at the reference temperature, in degrees Celsius (NaN for the deck's nominal temperature); tc1
+    is in 1/K and tc2 in 1/K^2; tce, in 1/K, multiplies the resistance by ``1.01**(tce d)`` at ``d`` kelvin above the
+    reference temperature.  `card`: card of the resistor; `scope`: parameter values at the resistor; `ohms`: value on
+    the card, None without a value; `length, width`: on the card, in metres, None without a value.
     """
     exponential = card.rules.words.exponential_coefficient
     values = model_values(model, scope, _RESISTOR_KEYS | ({"tce"} if exponential else set()))
@@ -114,9 +116,10 @@ def _from_model(values: dict[str, float], length: float | None, width: float | N
 def modelled_switch(model: Model, scope: Scope, state: float, card: Card) -> tuple[float, float, float, float, float]:
     """Return on and off resistance in ohms, upper and lower threshold in volts, and the state between thresholds.
 
-    The thresholds are control voltages.  `model`: model of the switch; `card, scope`: its card and scope; `state`:
-    state between the thresholds that the card states, 1 for on and 0 for off.  The returned state is NaN if the switch
-    is neither on nor off between the thresholds.
+    The thresholds are control voltages: above the upper one the switch is on, below the lower one off; if the first is
+    less than the second, the other way round.  `model`: model of the switch; `card, scope`: card of the switch, and
+    parameter values there; `state`: state between the thresholds that the card states, 1 for on and 0 for off.  The
+    returned state is NaN if the switch is neither on nor off between the thresholds.
     """
     values = model_values(model, scope, _SWITCH_KEYS)
     on, off = values.get("ron", 1.0), values.get("roff", card.rules.off_ohms)

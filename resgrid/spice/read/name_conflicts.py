@@ -1,4 +1,7 @@
-"""Checks for names with two meanings, of which the dialect's simulator chooses another one than resgrid."""
+"""Checks for names that the dialect's simulator reads differently from resgrid.
+
+Such names have two meanings (parameter, model, key, number), stand next to a comma, or contain a blank in quotes.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,8 @@ from resgrid.spice.read.scopes import Block, Scope
 def refuse_hidden_model(card: Card, token: Token, block: Block) -> None:
     """Raise CardError if the dialect's simulator takes the name of a model for a parameter or a number.
 
-    `card`: card of a resistor; `token`: its token with the name of the model; `block`: the block of the card.
+    `card`: card of a resistor; `token`: token of the card with the name of the model; `block`: the deck or subcircuit
+    that contains the card.
     """
     if not card.rules.parameters_first:
         return
@@ -31,7 +35,8 @@ def refuse_hidden_model(card: Card, token: Token, block: Block) -> None:
 def refuse_model_as_key(card: Card, pair: Setting, block: Block) -> None:
     """Raise CardError if the dialect's simulator takes the first key after a value for the name of a model.
 
-    `card`: card of an element without a model; `pair`: its first ``key=value`` pair; `block`: the block of the card.
+    `card`: card of an element without a model; `pair`: first ``key=value`` pair of the card; `block`: the deck or
+    subcircuit that contains the card.
     """
     if card.rules.parameters_first and block.model(pair.key) is not None:
         text = f"{card.rules.name} takes {pair.key} for the model of this name, and not for a key: rename the model"
@@ -39,10 +44,10 @@ def refuse_model_as_key(card: Card, pair: Setting, block: Block) -> None:
 
 
 def note_hidden_word(card: Card, token: Token, scope: Scope) -> None:
-    """Add a warning if ``DC`` or ``AC`` of a source is also a parameter's name, at which the dialect's simulator stops.
+    """Add a warning if the word ``DC`` or ``AC`` of a source is also the name of a parameter.
 
-    `card`: card of the source; `token`: a word of the source, of which only these two are checked; `scope`: scope of
-    the card.
+    The dialect's simulator then stops.  `card`: card of the source; `token`: a token of the card, of which only these
+    two words are checked; `scope`: parameter values at the card, and receiver of the warning.
     """
     is_checked = card.rules.parameters_first and token.text.lower() in ("dc", "ac")
     if is_checked and _is_parameter(token.text, scope.block):
@@ -51,11 +56,11 @@ def note_hidden_word(card: Card, token: Token, scope: Scope) -> None:
 
 
 def check_called_name(card: Card, name: Token, block: Block, diagnostics: Diagnostics) -> None:
-    """Check the name of the subcircuit on an ``X`` card for a parameter of its name and for commas at the name.
+    """Check the name of the called subcircuit on an ``X`` card: no parameter has this name, and no comma is next to it.
 
     A parameter of this name stops the dialect's simulator, and is reported as a warning.  At a comma next to the name
     the simulator stops, or ignores the parameters after the comma: raises CardError.  `name`: token of the name;
-    `block`: the block of the card; `diagnostics`: receives the warning.
+    `block`: the deck or subcircuit that contains the card; `diagnostics`: receives the warning.
     """
     if not card.rules.parameters_first:
         return
@@ -69,11 +74,12 @@ def check_called_name(card: Card, name: Token, block: Block, diagnostics: Diagno
 
 
 def refuse_overridden(card: Card, scope: Scope, options: Mapping[str, str]) -> None:
-    """Raise CardError if a parameter of a subcircuit has another value in the circuit that contains the instance.
+    """Raise CardError if HSPICE takes the value of a subcircuit's parameter from the circuit with the instance.
 
-    HSPICE then uses the value of the higher level, also against a value that the instance passes, unless the deck has
-    ``.option parhier=local`` (Star-Hspice Manual 2001.2, Table 7-1).  `card`: card of the instance;
-    `scope`: scope of the instance; `options`: values of the deck's options, by name.
+    If a parameter of the same name exists there (the higher level), HSPICE uses that one, also against a value that the
+    instance passes, unless the deck has ``.option parhier=local`` (Star-Hspice Manual 2001.2, Table 7-1).  Equal values
+    are not an error.  `card`: card of the instance; `scope`: parameter values inside the instance; `options`: values of
+    the deck's options, by name.
     """
     if not card.rules.outer_parameters_win or scope.outer is None or options.get("parhier", "").lower() == "local":
         return
@@ -94,14 +100,18 @@ def refuse_overridden(card: Card, scope: Scope, options: Mapping[str, str]) -> N
 
 
 def _is_parameter(name: str, block: Block | None) -> bool:
-    """Return whether `block` or an enclosing block defines a parameter `name`; None stands for no block."""
+    """Return whether `block` (the deck or a subcircuit) or a block around it defines the parameter `name`.
+
+    The result is False if `block` is None.
+    """
     return block is not None and (name.lower() in block.parameters or _is_parameter(name, block.outer))
 
 
 def note_blank(card: Card, name: str, offset: int, diagnostics: Diagnostics) -> None:
-    """Warn of a quoted name that a simulator may cut at a blank.
+    """Add a warning that the dialect's simulator cuts, or may cut, a quoted name at its blank.
 
-    `name`: with quotes; `offset`: its place in the text of `card`; `diagnostics`: receives the warning.
+    `name`: the name with quotes; `offset`: position of the name in the text of `card`; `diagnostics`: receives the
+    warning.
     """
     rules = card.rules
     if rules.refusals.blank_names == "fails":

@@ -1,4 +1,4 @@
-"""Reader of nonlinear resistors, which dialects write as behavioural sources."""
+"""Reader of nonlinear resistors ``I = I0 tanh(V / V0)``, which are behavioural sources in decks."""
 
 from __future__ import annotations
 
@@ -18,7 +18,9 @@ _MEMRISTOR = re.compile(r"v\([^()]*\)/max\([-+.e\d]+-[-+.e\d]+\*v\(x[^()]*\),", 
 def read_nonlinear(card: Card, scope: Scope, elements: Elements) -> bool:
     """Add a nonlinear resistor ``I = current tanh(V / voltage)`` to `elements`; return whether the card describes one.
 
-    Only the form that resgrid writes is recognized.  Raise InputError for a memristor.
+    I flows from the first node to the second, and V is the voltage between them; the card states `current` in amperes
+    and `voltage` in volts.  Only the form that resgrid writes is recognized.  `scope`: parameter values.  Raises
+    InputError for a memristor, and for values that are not positive.
     """
     match = _nonlinear_form(card.rules.name).fullmatch(card.text.strip())
     if match is None:

@@ -30,8 +30,8 @@ class Numeral(NamedTuple):
 def parse_numeral(text: str, rules: ReadingRules, *, computed: bool = False) -> Numeral | str | None:
     """Return the value of a numeral with suffix and unit; an error message if it is ambiguous; None for other text.
 
-    `rules`: reading rules of the dialect; `computed`: whether the numeral stands in an expression, where some dialects
-    read the suffix ``mil`` as milli, so that it is ambiguous.
+    The error message is a str.  `rules`: reading rules of the dialect; `computed`: whether the numeral is part of an
+    expression, where some dialects read the suffix ``mil`` as milli, so that this suffix is ambiguous.
 
     Examples
     --------
@@ -83,9 +83,9 @@ def _suffix(letters: str, rules: ReadingRules) -> tuple[int | None, str, str]:
 
 
 def _infix(text: str, rules: ReadingRules) -> Numeral | str | None:
-    """Return the value of a numeral whose suffix stands for the decimal point (``4k7``); None for other text.
+    """Return the value of a numeral whose suffix stands for the decimal point (``4k7`` is 4700); None for other text.
 
-    In a dialect without such numerals, the result is an error message.  `rules`: reading rules of the dialect.
+    In a dialect without such numerals, the result is an error message (str).  `rules`: reading rules of the dialect.
     """
     match = _INFIX.fullmatch(text)
     if match is None:

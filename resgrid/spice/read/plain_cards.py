@@ -1,4 +1,4 @@
-r"""Fast reader of plain cards: one regular expression finds them, all other lines are left to the general reader.
+r"""Fast reader of plain cards: one regular expression finds them; other lines are left to the card-by-card reader.
 
 A *plain card* is one line ``name node node value`` of a resistor, source or capacitor.  The value may be written
 ``R=value`` for a resistor and ``DC value`` for a source.  The line consists of printable ASCII without quotes,
@@ -28,11 +28,14 @@ In smaller files, reading in bulk would save less than 0.1 s.
 """
 
 _BLOCK_BYTES = 2**16
-"""Size of the parts of a file that one call of the regular expression splits, in bytes; this limits its memory."""
+"""Size of the parts of a file that one call of the regular expression splits, in bytes; it limits memory use."""
 
 _KINDS = ("resistor", "voltage source", "current source", "capacitor")
 _OTHER, _EMPTY = 254, 255
-"""Codes of lines that are not plain cards: `_OTHER` for the card-by-card reader, `_EMPTY` for blanks and comments."""
+"""Codes of lines that are not plain cards: `_EMPTY` for blank lines and comments, `_OTHER` for all others.
+
+The reader of single cards reads the lines with the code `_OTHER`.
+"""
 
 _CODES: dict[bytes | None, int] = {None: _OTHER}
 """Code of a line by the first letter of the plain card in the line; `_OTHER` for None, which means no plain card."""
@@ -40,10 +43,10 @@ _CODES |= {bytes([c]): code for code, letters in enumerate((b"rR", b"vV", b"iI",
 """The codes of plain cards are indices into `_KINDS`: 0 for ``r`` and ``R``, 1 for ``v``, 2 for ``i``, 3 for ``c``."""
 
 _COMMAND, _BACKSLASH, _CONTINUES = 1, 2, 4
-"""Properties of a line, as bits: a command, a backslash, a line that may continue the card before it (``+``).
+"""Properties of a line, as bits: a command, a line with a backslash, a line (``+``) that may continue the card before.
 
-Cards that such lines can affect are left to the card-by-card reader: the card after a command or a backslash, and the
-card before a line that may continue it.
+Plain cards that such lines can affect are left to the reader of single cards: the plain card after a command or a
+backslash, and the plain card before a line that may continue it.
 """
 
 _NAME = rb"[!#%&*+\-./0-9:<>?@A-Z\[\]^_`a-z|~]"
@@ -58,6 +61,7 @@ _LINE = rb"""[ \t]*+(?:
 )\n"""
 """Regular expression of one line: groups 1 to 6 are the parts of a plain card, group 7 is any other line.
 
+The groups are: first letter, first node, second node, key of the value, decimal value, value with suffix, other line.
 ``NAME`` is replaced by `_NAME`.  Only single characters repeat possessively: Python before 3.11.5 gets groups wrong.
 """
 _PIECES = 8
@@ -86,9 +90,10 @@ def _blocks(data: bytes, start: int) -> Iterator[tuple[int, int]]:
 class PlainCards:
     """The plain cards of a file (``name node node value`` on one line), which are read in bulk, and the other lines.
 
-    `_code` (lines,): index into `_KINDS`, or `_OTHER` or `_EMPTY`; `_start` (lines,): byte offset of the line in the
-    file; `_value` (lines,): ohms, volts, amperes or farads, NaN for other lines; `_spelling` (lines, 2): number of each
-    node's spelling in `_spellings`; `_is_taken` (lines,): whether the line has been read in bulk.
+    Line 0 of all arrays is at the byte offset `start` of the file.  `_code` (lines,): index into `_KINDS`, or `_OTHER`
+    or `_EMPTY`; `_start` (lines,): byte offset of the line in the file; `_value` (lines,): ohms, volts, amperes or
+    farads, NaN for other lines; `_spelling` (lines, 2): number of each node's spelling in `_spellings`; `_is_taken`
+    (lines,): whether the line has been read in bulk.
     """
 
     def __init__(self, source: SourceFile, start: int, rules: ReadingRules) -> None:
@@ -111,7 +116,7 @@ class PlainCards:
         self._is_taken = np.zeros(lines, dtype=np.bool_)
 
     def _scan(self) -> None:
-        """Fill the arrays with code, offset, value and node spellings of all lines, one part of the file at a time."""
+        """Fill the arrays with code, byte offset, value and node names of all lines, one part of the file at a time."""
         data, first = self._source.data, 0
         name = _NAME_WITHOUT_SLASHES if data.find(b"//", self._offset) >= 0 else _NAME  # // may begin a comment
         pattern = re.compile(_LINE.replace(b"NAME", name), re.VERBOSE)
@@ -159,7 +164,7 @@ class PlainCards:
         return value
 
     def _note_properties(self, first: int, texts: list[bytes | None]) -> None:
-        """Mark empty lines and comments as `_EMPTY`; record the bits `_COMMAND` and so on of other lines without card.
+        """Mark blank lines and comments as `_EMPTY`; record commands, backslashes and continuation lines (``+``).
 
         `first`: index of the first of some consecutive lines; `texts`: text of each of these lines, None for a plain
         card.
@@ -178,7 +183,10 @@ class PlainCards:
                 self._properties.append((first + line, bits))
 
     def _leave_to_general_reader(self) -> None:
-        """Mark the cards that commands, backslashes or continuation lines next to them may affect as `_OTHER`."""
+        """Mark the plain cards that a command, backslash or continuation line next to them may affect as `_OTHER`.
+
+        These cards are then left to the reader of single cards.
+        """
         cards = np.flatnonzero(self._code < _OTHER)
         lines = np.array([line for line, _ in self._properties], dtype=np.int64)
         data, start = self._source.data, self._offset
@@ -214,8 +222,8 @@ class PlainCards:
     def other_lines(self, may_take: Callable[[], bool]) -> Iterator[tuple[int, str]]:
         """Yield number (counted from 1) and text of the lines that are not read in bulk, in the order of the file.
 
-        `may_take`: function that is called before every group of consecutive plain cards; if False is returned, the
-        lines of this group are yielded, too, and not read in bulk.
+        `may_take`: function that is called before every group of consecutive plain cards.  If it returns True, this
+        group is read in bulk; if False, its lines are yielded, too.
         """
         begin, lines = 0, len(self._is_taken)
         for other in (*self._others.tolist(), lines):
@@ -256,9 +264,9 @@ class PlainCards:
     def _nodes(self, cards: NDArray[np.int64]) -> tuple[NDArray[np.int32], list[str], NDArray[np.int64]]:
         """Return node numbers (2 cards,), node names (nodes,), and the index of each node's first use (nodes,).
 
-        Nodes are numbered in the order of first use and regardless of case; a name has the spelling of the first use.
-        `cards`: indices of the lines of plain cards.  The first uses are indices into the returned node numbers, in
-        which the two nodes of a card follow each other.
+        In the node numbers, the two nodes of a card follow each other; the first uses are indices into this array.
+        Nodes are numbered from 0 in the order of first use and regardless of case; a name has the spelling of the first
+        use.  `cards`: indices of the lines of plain cards.
         """
         text = b"\n".join(word or b"" for word in self._spellings).decode("ascii")
         spellings, lower = text.split("\n"), text.lower()
@@ -278,10 +286,10 @@ class PlainCards:
 
 
 def _parsed(parse: Callable[[bytes], float], words: list[bytes]) -> NDArray[np.float64]:
-    """Return the number that each word means, shape (words,); NaN for an entry without a word.
+    """Return the numbers that some words mean, shape (words,); NaN for an entry without a word.
 
     `parse`: function that returns the number that one word means; `words`: one entry per line; None or empty where the
-    line is no plain card, or has its value in another notation.
+    line is no plain card, or has its value in another notation (with or without suffix).
     """
     if all(words):
         return np.fromiter(map(parse, words), np.float64, len(words))

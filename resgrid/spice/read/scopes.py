@@ -27,7 +27,7 @@ MAX_CALLS = 10_000
 class Definition:
     """Definition of a parameter or function.
 
-    `card`: the card with the definition; `token`: the expression; `arguments`: those of a function, () for a parameter.
+    `card`: card with the definition; `token`: the expression; `arguments`: names of a function's arguments, else ().
     """
 
     card: Card
@@ -41,7 +41,7 @@ class Definition:
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """Content of a ``.model`` card: name, kind, ``key=value`` pairs, and the block (deck or subcircuit) of the card."""
+    """Content of the ``.model`` card `card`: name, kind, ``key=value`` pairs, and the deck or subcircuit (`block`)."""
 
     name: str
     kind: str
@@ -81,7 +81,7 @@ class Block:
         return model if model is not None or self.outer is None else self.outer.model(name)
 
     def block_of_function(self, name: str) -> Block:
-        """Return the innermost block, among this and the enclosing ones, that defines a function; the deck if none."""
+        """Return the innermost of this block and those around it that defines the function `name`, else the deck."""
         return self if name in self.functions or self.outer is None else self.outer.block_of_function(name)
 
     def block(self, name: str) -> Block | None:
@@ -113,8 +113,8 @@ class BuiltIns:
 
     `rules`: the dialect's rules, which include the names; `label`: the simulator's name; `temperature, nominal`:
     functions that return the simulation and the nominal temperature in degrees Celsius, given the scope of the deck;
-    `swept`: names that a command sweeps, with the command and its position; `redefined`: a parameter that is defined
-    twice, or an empty string; `use`: record of temperature use of the evaluation that is running.
+    `swept`: command and position, by the name that the command sweeps; `redefined`: name of a parameter that the deck
+    defines twice, or empty; `use`: record of the temperature use of the evaluation that is running.
     """
 
     rules: ReadingRules
@@ -163,15 +163,15 @@ class BuiltIns:
         return None
 
     def _refuse_redefined(self, name: str, scope: Scope, meaning: str) -> None:
-        """Raise ReservedNameError if the deck defines `name`; `meaning`: its use in the dialect, for the message."""
+        """Raise ReservedNameError if the deck defines `name`; `meaning`: meaning of the name in the dialect, a text."""
         if scope.defines(name):
             text = f"{self.label} takes {name!r} for {meaning} even if the deck defines it: rename the parameter"
             raise ReservedNameError(text)
 
     def _celsius(self, name: str, scope: Scope) -> float:
-        """Return the simulation or nominal temperature, in degrees Celsius, and record that it was used.
+        """Return the simulation or nominal temperature, in degrees Celsius; record that the simulation one is used.
 
-        `name`: a name of one of the two temperatures.
+        `name`: reserved name of one of the two temperatures.
         """
         kind = "nominal" if name in self.words.nominal else "temperature"
         self.use.used |= kind == "temperature"
@@ -188,10 +188,11 @@ class BuiltIns:
 
 @dataclass(eq=False)
 class Scope:
-    """Values of a block's parameters in one instance of the block.
+    """Values of the parameters of the deck, or of a subcircuit in one of its instances.
 
-    `diagnostics`: receives errors; `outer`: scope of the enclosing block, None for the deck; `given`: values that the
-    instance passes, by name in lower case; `built_ins`: reserved names of the dialect, by default those of `outer`.
+    `block`: deck or subcircuit; `diagnostics`: receives errors; `outer`: scope that contains the instance, None for the
+    deck; `given`: values that the instance passes, by name in lower case; `built_ins`: reserved names of the dialect,
+    None for those of `outer`.
     """
 
     block: Block
@@ -219,7 +220,7 @@ class Scope:
             self._note_idle()
 
     def _note_idle(self) -> None:
-        """Add at most 5 warnings about parameters without a value, at which the simulator may stop even if unused."""
+        """Add at most 5 warnings about parameters without a value, used or not: the simulator may stop at these."""
         idle = [name for name in self.block.parameters if name not in self._known]
         for name in idle[:_MOST_NOTED]:
             definition = self.block.parameters[name]
@@ -284,8 +285,8 @@ class Scope:
     def function(self, name: str, values: list[float], lookup: Lookup) -> float | None:
         """Return the value of a function that the deck defines, None if the deck does not define it.
 
-        `name`: in lower case; `values`: values of the arguments; `lookup`: returns the value of a name in the scope of
-        the call, which dialects use that insert functions as text; others look names up in the function's block.
+        `name`: in lower case; `values`: values of the arguments; `lookup`: returns the value of a name at the call.
+        Dialects that insert functions as text use `lookup` for other names; the others look in the function's block.
         """
         home = self.scope_of(self.block.block_of_function(name))
         if home is not self:
@@ -344,13 +345,13 @@ class Scope:
         return self if self.outer is None else self.outer.outermost
 
     def scope_of(self, block: Block) -> Scope:
-        """Return the scope of `block`, which is the block of this scope or an enclosing one."""
+        """Return, of this scope and the scopes around it, that of the deck or subcircuit `block`."""
         return self if self.block is block or self.outer is None else self.outer.scope_of(block)
 
     def number(self, card: Card, token: Token, lookup: Lookup | None = None) -> float:
         """Return the value of a numeral, name or expression; raise CardError if it has none.
 
-        `token`: a token of `card`; `lookup`: function that returns the value of a name, by default in this scope.
+        `token`: a token of `card`; `lookup`: function that returns the value of a name, None to look in this scope.
         """
         computed = lookup is not None
         lookup = lookup or self.named

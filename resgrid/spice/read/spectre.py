@@ -1,4 +1,7 @@
-"""Syntax of Spectre that differs from SPICE: statements begin with keywords, elements are instances of masters."""
+"""Syntax of Spectre that differs from SPICE: statements begin with keywords, elements are instances of masters.
+
+A master is a primitive such as ``resistor``, a model or a subcircuit; its name follows the nodes of the instance.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,7 @@ PRIMITIVES = {
     "bsource": "b",
     "iprobe": "v",
 }
-"""Letter of the SPICE element that is equivalent to a Spectre primitive; other primitives cannot be read."""
+"""Letter of the equivalent SPICE element, by the name of a Spectre primitive; other primitives cannot be read."""
 
 STATEMENTS = {
     "subckt": ".subckt",
@@ -82,7 +85,8 @@ def statement_of(card: Card) -> str:
 def command_of(card: Card, dot: str) -> str:
     """Return the name of a card's command as the card writes it: in Spectre the keyword or the master, else `dot`.
 
-    `dot`: the dot command of SPICE.  A master is the last word before the parameters, such as the kind of an analysis.
+    `dot`: the equivalent dot command of SPICE.  The master of a Spectre statement is the last word before its
+    parameters, such as the kind of an analysis.
     """
     words = words_of(card)
     if not card.rules.instances or not words:
@@ -93,7 +97,8 @@ def command_of(card: Card, dot: str) -> str:
 def letter_of(card: Card, block: Block) -> str:
     """Return the letter of the SPICE element that is equivalent to a Spectre instance, "x" for a subcircuit.
 
-    `block`: the deck or subcircuit that contains the card, whose models may define the instance's kind.
+    The kind of the instance may be the name of a model.  `card`: the instance; `block`: the deck or subcircuit that
+    contains the card, and perhaps the model.  Raises CardError for a model of a kind that cannot be read.
     """
     master = (words_of(card) or [""])[-1]
     model = block.model(master.lower())

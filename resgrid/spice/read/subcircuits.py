@@ -37,8 +37,8 @@ _BLANK = re.compile(r"\s")
 class Instance:
     """An instance of a subcircuit (``X`` card).
 
-    `name`: name of the instance; `nodes`: names of the connected nodes; `block`: the subcircuit; `given`: the
-    parameters that the instance passes.
+    `card`: the card; `name`: name of the instance; `nodes`: names of the connected nodes, in the order of the
+    terminals; `block`: the subcircuit; `given`: ``key=value`` pairs of the parameters that the instance passes.
     """
 
     card: Card
@@ -52,8 +52,8 @@ class Instance:
 class FlatSubcircuit:
     """A flattened subcircuit with given parameter values.
 
-    `names` (n,): names of nodes, terminals first; `ports`: number of terminals; `is_global` (n,): whether a node is
-    global or ground, and no terminal; `parts`: arrays of the elements by kind.
+    `names`: names of its n nodes, terminals first; `ports`: number of terminals; `is_global`: for each node whether it
+    is global or ground, and no terminal; `parts`: arrays of the elements by kind, with node indices into `names`.
     """
 
     names: tuple[str, ...]
@@ -79,12 +79,12 @@ class Expander:
     _sizes: dict[Block, int] = field(default_factory=dict)
 
     def elements(self) -> Elements:
-        """Return an empty collection of elements for a block, with the deck's names of ground and temperatures."""
+        """Return an empty collection of elements with the deck's names of ground and temperatures."""
         nodes = NodeTable(self.contents.grounds, exact=self.contents.rules.instances)
         return Elements(nodes, self.nominal, self.heating)
 
     def fill(self, scope: Scope, elements: Elements, cards: Iterable[Card]) -> None:
-        """Add the elements of `cards`, with instances expanded, to `elements`; errors go to `scope.diagnostics`."""
+        """Add the elements of `cards`, instances expanded, to `elements`; `scope`: gives values and collects errors."""
         groups: dict[FlatSubcircuit, list[tuple[Instance, float]]] = {}
         names: set[str] = set()
         for card in cards:
@@ -113,8 +113,8 @@ class Expander:
     def _check_names(self, card: Card, letter: str) -> None:
         """Raise CardError for a node name that the simulator misreads; warn about a blank in a quoted name.
 
-        The simulator may cut such a name, ``"a b"``, at the blank. `card`: an element's card; `letter`: first letter of
-        its kind, ``x`` for an instance of a subcircuit.
+        The simulator may cut such a name, ``"a b"``, at the blank.  `card`: an element's card; `letter`: first letter
+        of the element's kind, ``x`` for an instance of a subcircuit.
         """
         misread = card.rules.words.misread.get("node", ())
         if any(name in card.text.lower() for name in misread):
@@ -143,7 +143,7 @@ class Expander:
             )
 
     def _size(self, block: Block, path: list[Block]) -> int:
-        """Return the number of elements of an expanded block; `path`: the blocks that contain it, outermost first."""
+        """Return the number of elements of `block` after expansion; `path`: the blocks that contain it, deck first."""
         if block in self._sizes:
             return self._sizes[block]
         count = 0
@@ -195,7 +195,7 @@ class Expander:
         return instance
 
     def _given(self, instance: Instance, scope: Scope) -> tuple[dict[str, float], float]:
-        """Return the parameter values that an instance passes, by name, and its multiplier (number of copies)."""
+        """Return the values that an instance passes to parameters, by name, and its multiplier (number of copies)."""
         rules, block = instance.card.rules, instance.block
         given: dict[str, float] = {}
         factor = 1.0
@@ -221,7 +221,7 @@ class Expander:
     ) -> float:
         """Return the value that an instance passes to one parameter; add the names in its expression to `names`.
 
-        `setting`: the parameter; `scope`: contains the instance; `given`: values that were evaluated before, by name.
+        `setting`: the parameter; `scope`: scope around the instance; `given`: values evaluated before, by name.
         """
         inner: list[Scope] = []
 
@@ -291,7 +291,10 @@ class Expander:
                 )
 
     def _refuse_multiplier(self, instance: Instance, setting: Setting, scope: Scope, factor: float) -> None:
-        """Raise CardError if the simulator does not use `factor`, the ``m=`` in `setting`, as number of copies."""
+        """Raise CardError if the dialect's simulator does not take ``m=`` of an instance for the number of copies.
+
+        `setting`: the pair ``m=value``; `factor`: the value of ``m=``; `scope`: scope that contains the instance.
+        """
         dialect = instance.card.rules.name
         texts = [card.text for card in instance.block.cards]
         own = [text for text in texts if _OWN_MULTIPLIER.search(text)]
@@ -375,7 +378,7 @@ def _names_of_instances(instances: list[tuple[Instance, float]], part: ElementAr
 def _node_map(
     flat: FlatSubcircuit, instances: list[Instance], orders: list[int], table: NodeTable
 ) -> NDArray[np.int64]:
-    """Return the node numbers of the subcircuit's nodes for every instance, shape (instances, nodes).
+    """Return the node numbers, in the enclosing block, of a subcircuit's nodes for each instance: (instances, nodes).
 
     `orders`: position of each instance (file index times ``2**40`` plus line), which decides between spellings of a
     node's name; `table`: node table of the enclosing block, to which new nodes are added.

@@ -13,8 +13,8 @@ def refuse_unsupported(card: Card, use: TemperatureUse, ohms: float | None) -> N
     """Raise CardError if an expression uses the temperature in a way that the dialect's simulator cannot evaluate.
 
     The reason is a function or operator that is not available together with the temperature, or a resistance of 0 ohm.
-    `card`: the card with the expression; `use`: record of the evaluation; `ohms`: value of the expression if it is a
-    resistance, in ohms, None for other quantities.
+    `card`: the statement with the expression; `use`: record of the temperature use of its evaluation; `ohms`: value of
+    the expression in ohms if it is a resistance, None for other quantities.
     """
     words = card.rules.words
     if not use.used or not words.temperature_in_values:
@@ -38,9 +38,10 @@ def refuse_dropped(
     """Raise CardError for parts of a resistor that ngspice drops or misreads with a temperature-dependent value.
 
     ngspice replaces such a resistor by a B element.  A B element supports only ``tc1`` and ``tc2``, relative to 27
-    degrees Celsius for every nominal temperature, and misreads parentheses in names of nodes.  `card`: the resistor;
-    `use`: record of the evaluation of the value; `keys`: keys of the resistor, and "model" if it has a model; `nodes`:
-    names of its nodes; `nominal`: nominal temperature, in degrees Celsius.
+    degrees Celsius for every nominal temperature, and misreads parentheses in names of nodes.  `card`: statement of the
+    resistor; `use`: record of the temperature use of its value, without which nothing is checked; `keys`: keys of the
+    resistor, and "model" if it has a model; `nodes`: names of its nodes; `nominal`: nominal temperature of the deck, in
+    degrees Celsius.
     """
     if not use.used or not card.rules.words.temperature_in_values:
         return
@@ -61,8 +62,8 @@ def refuse_dropped(
 def refuse_temperature(card: Card, offset: int | None, place: str) -> None:
     """Raise CardError for a use of the temperature outside the values of elements, in dialects that know no other use.
 
-    `card`: the card; `offset`: position in the text of the card, None for the whole card; `place`: description of the
-    place in the message, such as ``m=``.
+    The caller has found this use.  `card`: the statement; `offset`: position in the text of the statement, None for the
+    whole statement; `place`: description of the place in the message, such as ``m=``.
     """
     words = card.rules.words
     if words.temperature_in_values:
@@ -72,9 +73,10 @@ def refuse_temperature(card: Card, offset: int | None, place: str) -> None:
 
 
 def refuse_unspaced(card: Card, pairs: list[Setting]) -> None:
-    """Raise CardError if a list of values in `pairs` is one that the dialect's simulator misreads.
+    """Raise CardError if a list of values, such as ``tc=1m,2m``, is one that the dialect's simulator misreads.
 
-    Such a list is in parentheses, without blanks, or has a second value that begins with a point.
+    Such a list is in parentheses, or has no blank between its first two values, or its second value begins with a
+    decimal point.  `pairs`: the ``key=value`` pairs of the statement `card`; those with one value are skipped.
     """
     for first, second in (pair.values[:2] for pair in pairs if len(pair.values) > 1):
         gap = card.text[first.offset + len(first.text) : second.offset].strip("{}'")
@@ -87,8 +89,8 @@ def refuse_unspaced(card: Card, pairs: list[Setting]) -> None:
 def note_bare(card: Card, use: TemperatureUse, tokens: list[Token], diagnostics: Diagnostics) -> None:
     """Add a warning if the value of a resistor is the bare name of a parameter that depends on the temperature.
 
-    `card`: the resistor; `use`: record of the evaluation of its value; `tokens`: its tokens without a key;
-    `diagnostics`: receives the warning.
+    The dialect's simulator stops there.  `card`: statement of the resistor; `use`: record of the temperature use of its
+    value; `tokens`: tokens of its value, without those of ``key=value`` pairs; `diagnostics`: receives the warning.
     """
     bare = next((token for token in tokens if token.kind == "word"), None)
     if bare is not None and use.used and card.rules.words.temperature_in_values:

@@ -1,4 +1,4 @@
-"""Reader of voltage and current sources: their value at direct current, whatever their waveform."""
+"""Reader of independent sources: value at direct current, or else the value of their waveform at time 0."""
 
 from __future__ import annotations
 
@@ -28,7 +28,8 @@ _IGNORED = frozenset({"ac", "distof1", "distof2", "acmag", "acphase"})
 class SourceValue:
     """Value of a source at direct current.
 
-    `volts_or_amps`: the value; `count`: number of parallel sources (``m=``); `series`: series resistance, in ohms.
+    `volts_or_amps`: the value, in volts for a voltage source, in amperes for a current source; `count`: number of
+    parallel sources (``m=``); `series`: series resistance (``rser=``), in ohms.
     """
 
     volts_or_amps: float
@@ -39,8 +40,9 @@ class SourceValue:
 def source_value(card: Card, tokens: list[Token], scope: Scope) -> SourceValue:
     """Return the value of an independent source at direct current, its multiplier and its series resistance.
 
-    The value is the number with or without ``DC``; if it is missing, the value of the waveform at time 0; otherwise 0.
-    `tokens`: tokens of the card after the nodes; `scope`: parameter values for expressions.
+    The value is the number with or without ``DC``; without such a number, the value of the waveform at time 0; without
+    a waveform, 0.  `card`: the card of the source; `tokens`: tokens of the card after the nodes; `scope`: parameter
+    values for expressions.
     """
     rest, keys = tokens[::-1], dict[str, float]()
     value: float | None = None
@@ -107,7 +109,7 @@ def _waveform(card: Card, token: Token, rest: list[Token], scope: Scope) -> tupl
 
 
 def _takes(rest: list[Token], mark: str) -> bool:
-    """Remove the next token from `rest` if it is `mark`; return whether it was; `rest`: tokens in reverse order."""
+    """Return whether the next token is `mark`, and if so, remove this token; `rest`: tokens in reverse order."""
     return bool(rest) and rest[-1].is_mark(mark) and bool(rest.pop())
 
 
