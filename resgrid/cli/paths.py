@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 class Plan:
     """The results of planning a scene.
 
-    `operating_points`: solved circuits by name, such as "dirichlet"; `fields`: all fields with current, or one field if
-    no field has current; `routes`: one path for each start and each weight k.
+    `operating_points`: solved circuits by name, such as "dirichlet"; `fields`: all fields with current, or, if no field
+    has current, the first field; empty without fields; `routes`: one path for each start and each weight k.
     """
 
     operating_points: Mapping[str, rg.OperatingPoint]
@@ -113,7 +113,7 @@ def _reached_line(route: Route) -> str:
 def _workspace_text(route: Route) -> str:
     """Return the smallest distance of an arm from a collision, or its first collision, as the end of a line of text.
 
-    The text is empty for a route without a known distance that was not tested for collisions.
+    The text is empty for a route that was not tested for collisions and has no known, finite distance.
     """
     distance = route.workspace_clearance
     hit = route.collision
@@ -134,8 +134,9 @@ def _figures(length: float, clearance: float | None, path: FieldPath) -> str:
 def answer_queries(job: Job, file: str, limit: int | None, output: str | None, ignored: dict[str, list[str]]) -> int:
     """Compute and report the paths for the queries of a MovingAI scenario file; return the exit code.
 
-    `job`: scene and space; `file`: scenario file; `limit`: largest number of queries, None for all; `output`: JSON
-    file, None for none; `ignored`: list of the scene keys without effect under the key ``ignored``, for JSON.
+    The exit code is 0 if all paths reach their goal, otherwise 1.  `job`: scene and space; `file`: scenario file;
+    `limit`: largest number of queries, None for all; `output`: JSON file, None for none; `ignored`: list of the scene
+    keys without effect under the key ``ignored``, for JSON.
     """
     from resgrid.io.tables import suffix_of, write
 
@@ -160,7 +161,8 @@ def answer_queries(job: Job, file: str, limit: int | None, output: str | None, i
 def _require_own_map(job: Job, queries: Sequence[MovingAIScenario], file: str) -> None:
     """Raise InputError for queries of another map than that of the job.
 
-    Maps from a pipe have no name and are not checked.  `file`: scenario file, for the message.
+    The names of the files are compared, and only for MovingAI maps (.map): a map from a pipe has no such name.  `file`:
+    scenario file, for the message.
     """
     cells = job.scene.map
     own = None if cells is None else Path(cells.table["file"])

@@ -21,7 +21,8 @@ _MOST_LINES = 40
 """Largest number of pairs that are printed; a file contains all pairs."""
 
 _SECONDS = 1e-5
-"""Approximate computing time per resistor of the circuit and terminal, in seconds, for the progress bar."""
+"""Approximate computing time per resistor of the circuit and per pair of terminals, in seconds, for the progress bar.
+"""
 
 
 @subcommand(
@@ -145,7 +146,8 @@ def _lines(data: dict[str, Any]) -> Iterable[str]:
 
 
 def is_circuitscape_job(file: str) -> bool:
-    """Return whether an input is a Circuitscape configuration in another mode than advanced, or in an unknown mode."""
+    """Return whether an input is a Circuitscape configuration whose scenario is not ``advanced``, but may be
+    unknown."""
     from resgrid.spice.networks.configurations import read_configuration
 
     return Path(file).suffix.lower() == ".ini" and read_configuration(file).scenario != "advanced"

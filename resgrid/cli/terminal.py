@@ -95,8 +95,8 @@ def finish(data: Mapping[str, Any], lines: Iterable[str] = (), *, written: objec
     """Print the result on standard output: `data` as one JSON object with the option ``--json``, otherwise `lines`.
 
     `written`: file that already contains the result, None without a file; "-" is standard output, after which this
-    function prints nothing.  With a file, ``-q`` suppresses the lines, unless `more` is True (they contain more than
-    the file).
+    function prints nothing.  With a file, ``-q`` suppresses the lines, unless `more` is True (the lines contain more
+    than the file).
     """
     if written == "-":
         return
@@ -188,7 +188,8 @@ class Stage:
 def stage(name: str, *, seconds: float | None = None, steps: int | None = None) -> Iterator[Stage]:
     """Yield the `Stage` of a computation; on a terminal, show a progress bar if the computation takes longer than 1 s.
 
-    `name`: name of the stage; `seconds`: estimated time; `steps`: number of equal steps; None if unknown.
+    `name`: name of the stage; `seconds`: estimated time in seconds, None if unknown; `steps`: number of equal steps,
+    None if unknown.
     """
     running, begin = Stage(seconds, steps), time.perf_counter()
     bars: list[Progress] = []
@@ -238,8 +239,8 @@ def compute(
     """Call a function in a thread and return its value; an interrupt does not wait for the end of the call.
 
     `name`: name of the stage for the progress bar; `arguments`: arguments of the function; `seconds`: estimated time of
-    the call, None if unknown; `iterates`: whether the function takes a keyword ``progress``, a function that is called
-    in every iteration.
+    the call, None if unknown; `iterates`: whether the function takes a keyword ``progress``, a function of the number
+    of iterations, the relative residual and the remaining seconds (or None), which it calls in every iteration.
     """
     context = click.get_current_context(silent=True)
     outcome: list[tuple[Value | None, BaseException | None]] = []
@@ -263,9 +264,9 @@ def compute(
 
 
 def is_computing(patience: float = 0.0) -> bool:
-    """Return whether a computation in a thread still runs after a wait of at most `patience` seconds.
+    """Return whether a computation still runs after a wait of at most `patience` seconds for its end.
 
-    The threads are those of `compute` and of the live page.
+    Computations are those in the threads of `compute` and of the live page.
     """
     until = time.perf_counter() + patience
     while any(thread.name.startswith((_WORKER, "resgrid answers")) for thread in threading.enumerate()):
@@ -327,7 +328,7 @@ def failure_of(error: Exception) -> Failure:
 
 
 def _refused_message(error: OSError) -> str:
-    """Return the message for an operation that the system refused: writing a compiled kernel, or another file."""
+    """Return the message for an error of the operating system: a compiled kernel cannot be stored, or a file fails."""
     frames = traceback.walk_tb(error.__traceback__)
     if any(str(frame.f_globals.get("__name__")).startswith("numba.") for frame, _ in frames):
         remedy = "free space there, or set the variable NUMBA_CACHE_DIR to another folder"

@@ -119,7 +119,7 @@ def run_circuitscape(
     root : path-like, optional
         Folder that must contain all files named in the configuration, by default the folder of `path`.
     executor : concurrent.futures.Executor, optional
-        Workers that share the solutions.
+        Workers that share the solutions; by default, this process computes all of them.
     progress : callable, optional
         Called as ``progress(done, total)`` after every solution.
 

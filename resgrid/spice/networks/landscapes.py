@@ -48,7 +48,8 @@ class Landscape:
     def _joined(self, regions: list[NDArray[np.int64]]) -> tuple[Netlist, NDArray[np.int64]]:
         """Return the circuit of the cells, and the node of every cell, (rows, columns), -1 for none.
 
-        Short-circuit regions and `regions` are single nodes. `regions`: flat cell indices of each.
+        Short-circuit regions and `regions` are single nodes; regions that overlap are one node together. `regions`:
+        flat cell indices (row times number of columns plus column) of each region.
         """
         labels = self.polygon.ravel().copy()
         for cells in regions:

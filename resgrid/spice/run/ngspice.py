@@ -95,9 +95,9 @@ def simulate(
 
     `data`: content of the deck; `source`: name of the deck in messages; `timeout`: longest run, in seconds; `direct`:
     whether the deck contains an analysis statement (if not, ``.op`` is added); `files`: content of the included files
-    by path relative to the temporary folder; `place`: path of the deck in this folder.  A defective deck gives
+    by path relative to the folder of the run; `place`: path of the deck in this folder.  A defective deck gives
     complaints in the result, not an exception.  Raises ToolMissingError if ngspice is not installed, InputError for a
-    deck with commands, and BudgetError after the timeout.
+    deck that could run commands or, without `files`, include files, and BudgetError after the timeout.
     """
     program = find_program(EXECUTABLE_VARIABLE, "ngspice", INSTALL)
     refuse_commands(data, source, models=direct, includes=bool(files))

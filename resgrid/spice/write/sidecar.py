@@ -127,7 +127,7 @@ class _Blocks(BaseModel):
 
 
 class _Node(BaseModel):
-    """The entry of a node in a sidecar, of which only the expected `voltage`, in volts, is read."""
+    """The entry of a node in a sidecar; only its expected `voltage`, in volts, is read."""
 
     voltage: FiniteFloat
 
