@@ -200,7 +200,8 @@ def _say_violations(violations: Sequence[Violation], severity: str) -> None:
 def _report_cost(circuit: rg.Netlist | Circuit, limits: dict[str, Any]) -> None:
     """Print the estimated time and memory of a simulation; raise BudgetError if the time exceeds the limit.
 
-    `circuit`: the simulated circuit; `limits`: keywords of `rg.check_deck` with ``engine`` and ``timeout`` (seconds).
+    An estimate of at most 10 s is printed only with the option ``--verbose``.  `circuit`: the simulated circuit;
+    `limits`: keywords of `rg.check_deck` with ``engine`` and ``timeout`` (seconds).
     """
     from resgrid.spice.run.cost_estimate import forecast, require_time
     from resgrid.spice.run.ngspice import ngspice_version

@@ -145,8 +145,7 @@ class OutputPath(click.Path):
     """Type of an option that is an output file or folder, checked for writing before the computation."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:  # noqa: ARG002
-        """Return the name of the output unchanged; raise InputError if it is empty or names a file that cannot be
-        written.
+        """Return the name of the output; raise InputError for an empty name or a file that cannot be written.
 
         An option that may be a folder is only tested for an empty name.  The name ``-`` (standard output) is accepted.
         """

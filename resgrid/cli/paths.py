@@ -44,7 +44,10 @@ class Plan:
 
 
 def plan_routes(job: Job) -> Plan:
-    """Return circuits, fields and certified routes (paths) for all starts and weights k of a scene."""
+    """Solve the circuits of a scene, and return them with the fields and the certified paths.
+
+    There is one path for each start and each weight k; if starts drive the grid, one for each start.
+    """
     from resgrid.io.paths import Route
     from resgrid.planning.advice import Advisor
     from resgrid.planning.any_field import path_of
@@ -93,7 +96,8 @@ def _failure(route: Route) -> tuple[object, ...]:
 def _reached_line(route: Route) -> str:
     """Return the line of text for a route (path of one start at one weight k) that reaches a goal.
 
-    The line contains length and clearance of the path and, if it was shortened or timed, those of its streamline.
+    The line contains length and clearance of the path and, if the path was shortened or timed, also those of the
+    streamline from which it was made.
     """
     path = route.streamline
     assert path is not None and path.goal is not None

@@ -103,8 +103,8 @@ def _draw(what: str, job: Job, plan: Plan, field: AnyField | None) -> Any:
     """Draw one picture, and return its matplotlib axes or figure.
 
     `what`: kind of the picture, a name in `PICTURES`; `plan`: solved circuits, fields and paths; `field`: field in the
-    picture, None for a picture of all paths, of the robot or of the circuit.  In a space of two axes, unknown cells of
-    a map have a colour of their own.
+    picture, None for a picture of all paths, of the robot, of the cells or of the circuit.  In a space of two axes,
+    unknown cells of a map have a colour of their own.
     """
     picture = _drawn(what, job, plan, field)
     if what in ("page", "potential", "currents", "paths"):

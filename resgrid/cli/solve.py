@@ -1,4 +1,4 @@
-"""``resgrid solve``: compute the operating point of a scene's chip, or of a deck."""
+"""``resgrid solve``: compute the operating point of the circuit of a scene, or of a deck."""
 
 from __future__ import annotations
 

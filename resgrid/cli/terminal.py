@@ -38,7 +38,7 @@ _CODES: tuple[tuple[type[BaseException], int], ...] = (
 )
 
 BAR_DELAY = 1.0
-"""Delay between the begin of a stage and the display of its progress bar, in seconds."""
+"""Delay between the beginning of a stage and the display of its progress bar, in seconds."""
 
 _WORKER = "resgrid computes"
 """Prefix of the names of the threads in which `compute` runs computations."""
@@ -120,9 +120,9 @@ def require_one_output(output: str | None) -> None:
 class Stage:
     """Progress of a stage (step) of a subcommand, from counted steps, an iteration's residual, or the estimated time.
 
-    `seconds`: estimated time of the whole stage, None if unknown; estimates shorter than `BAR_DELAY` are ignored,
-    because a long duration then has other causes, such as the compilation of kernels; `steps`: number of equal steps,
-    None if unknown.
+    `seconds`: estimated time of the whole stage in seconds, None if unknown; estimates shorter than 1 s (`BAR_DELAY`)
+    are ignored, because a long duration then has other causes, such as the compilation of kernels; `steps`: number of
+    equal steps, None if unknown.
     """
 
     def __init__(self, seconds: float | None = None, steps: int | None = None) -> None:
@@ -165,9 +165,10 @@ class Stage:
         return min((time.perf_counter() - self._begin) / self._seconds, 0.99) if self._seconds else None
 
     def status(self) -> str:
-        """Return a text with intermediate results and the remaining time.
+        """Return a text for the progress bar: intermediate results and the estimated remaining time.
 
-        If the remaining time is unknown, or the stage takes longer than estimated, the text has the elapsed time.
+        If the remaining time is unknown, or the stage takes longer than estimated, the text has the elapsed time
+        instead.
         """
         elapsed, fraction = time.perf_counter() - self._begin, self.fraction()
         if not fraction:
