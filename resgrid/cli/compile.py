@@ -1,4 +1,4 @@
-"""``resgrid compile``: write the SPICE deck of a scene's chip."""
+"""``resgrid compile``: write the SPICE deck of a scene's chip; a helper writes such decks for other subcommands."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""``resgrid live``: serve the live page, a browser editor of scenes with a continuously solved grid."""
+"""``resgrid live``: serve the live page, a browser editor of scenes with a continuously solved grid, or a 3-D view.
+
+Scenes with two axes have the editor; arms, points and balls in space have the 3-D view.
+"""
 
 from __future__ import annotations
 

@@ -157,7 +157,7 @@ def _report_speed_masks(scene: rg.Scene, *, timed: bool) -> None:
 
 
 def _check_query_options(source: CommandInput) -> None:
-    """Raise InputError for options without effect on the answers to queries, and for places in `source`."""
+    """Raise InputError for options without effect on the answers to queries, and for goals and starts in `source`."""
     keys = {key.removesuffix("_cell") for key in source.changes}
     names: list[str] = [key for key in ("goal", "start", "goal_tolerance") if key in keys]
     names += given_options("shorten", "speed", "acceleration", "rate", "fixed_joints")

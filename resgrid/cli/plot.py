@@ -188,7 +188,7 @@ def _draw_robot(job: Job, plan: Plan) -> Any:
 
 
 def _titled(picture: Any, title: str) -> Any:
-    """Return the figure of a picture, after a title is written above the picture."""
+    """Write a title above a picture (matplotlib axes or figure), and return its figure."""
     from resgrid.plot.figures import add_title, figure_of
 
     figure = figure_of(picture)

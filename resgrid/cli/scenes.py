@@ -186,7 +186,7 @@ FIRST_RUN = (
     "('python -m resgrid.cli.warm' compiles all kernels in advance, on all cores)"
 )
 _FIRST_KERNEL = "csr_kernels.conductances_by_row*.nbi"
-"""Pattern of the name of numba's cache file of a kernel that every solution compiles first."""
+"""File name pattern of numba's cache of one kernel; every solution compiles this kernel before all others."""
 
 
 def is_first_run() -> bool:

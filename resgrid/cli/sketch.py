@@ -17,7 +17,7 @@ WIDTH, HEIGHT = 64, 24
 """Largest number of letters per row of a sketch, and largest number of rows."""
 
 MAX_UNKNOWN_FRACTION = 0.5
-"""Fraction of unknown cells above which a sketch shows only the surroundings of the known cells."""
+"""Fraction of the cells; if more cells are unknown, a sketch shows only the surroundings of the known cells."""
 
 MARGIN = 2
 """Width of the border of unknown cells that a cropped sketch shows around the known cells, in cells."""

@@ -49,7 +49,7 @@ class Verbosity:
     """Options of the output of results and messages, stored in the command's context.
 
     `json`: whether results are one JSON object instead of lines; `quiet`: whether messages and progress bars are
-    omitted; `verbose`: whether the time of every stage is printed.
+    omitted (errors are printed); `verbose`: whether the time of every stage and further details are printed.
     """
 
     json: bool = False
@@ -65,7 +65,7 @@ def verbosity() -> Verbosity:
 
 @contextmanager
 def quietly() -> Iterator[None]:
-    """Suppress messages and progress bars while the context is active."""
+    """Suppress messages and progress bars of the running subcommand while the context is active."""
     context = click.get_current_context()
     before, context.obj = context.obj, replace(verbosity(), quiet=True)
     try:
@@ -156,7 +156,7 @@ class Stage:
         self._seconds = None if seconds_left is None else time.perf_counter() - self._begin + seconds_left
 
     def fraction(self) -> float | None:
-        """Return the finished fraction of the stage, from 0 to 0.99.
+        """Return the finished fraction of the stage, from 0 to 0.99 (a running stage is not finished).
 
         The result is None if neither the number of steps nor the estimated time is known.
         """

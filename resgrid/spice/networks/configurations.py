@@ -53,7 +53,7 @@ _DEFAULTS = {
     "log_transform_maps": "False",
     "write_as_tif": "False",
 }
-"""Keys that change the circuit or the output files, with their defaults in Circuitscape 5."""
+"""Default texts, in Circuitscape 5, of the keys that change the circuit or the output files, by key."""
 
 _WITHOUT_EFFECT = frozenset(
     {
@@ -63,7 +63,7 @@ _WITHOUT_EFFECT = frozenset(
         "profiler_log_file",
     }
 )  # fmt: skip
-"""Keys of Circuitscape 3.5 to 5 that choose solvers and messages, and are ignored here."""
+"""Keys of Circuitscape 3.5 to 5 that are ignored here; most of them choose solvers and messages."""
 
 CONNECTIVITY = ("pairwise", "one-to-all", "all-to-one")
 """Scenarios of jobs that solve several circuits, each with sources and grounds at focal points."""

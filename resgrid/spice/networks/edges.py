@@ -277,7 +277,8 @@ def _measure_of(heading: str | None) -> str | None:
 def _node_name(word: str) -> str:
     """Return the node name that a word of an edge list means.
 
-    An integer in the form of a decimal, such as ``1.000e+00``, means ``1``; every other word is the name itself.
+    An integer of at most 20 digits in the form of a decimal, such as ``1.000e+00``, means the name ``1``; every other
+    word is the name itself.
     """
     if not _DECIMAL.fullmatch(word):
         return word

@@ -71,7 +71,8 @@ def numbers_of(path: Path, columns: int | None, *, skip: int = 0) -> NDArray[np.
 def whole_numbers(path: Path, values: NDArray[np.float64], kind: str = "focal point") -> NDArray[np.int64]:
     """Return the values of a file as integers; raise InputError unless they are whole, with magnitudes up to 2**53.
 
-    `path`: the file; `values`: its numbers; `kind`: noun for the numbered objects in the message.
+    `path`: the file, for the message; `values`: its numbers, of any shape; `kind`: noun for the numbered objects in the
+    message.
     """
     wrong = (values != np.rint(values)) | (np.abs(values) > _MOST)
     if wrong.any():

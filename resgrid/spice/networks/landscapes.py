@@ -1,4 +1,4 @@
-"""Raster jobs of Circuitscape: cells, focal points, and the circuits in which regions are single nodes."""
+"""The type `Landscape`: cells and focal points of a Circuitscape raster job, from which its circuits are made."""
 
 from __future__ import annotations
 

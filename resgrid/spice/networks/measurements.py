@@ -1,4 +1,4 @@
-"""Single solutions of Circuitscape jobs: currents from sources to grounds through a network."""
+"""Single circuits of Circuitscape jobs and their solutions: currents from sources to grounds through a network."""
 
 from __future__ import annotations
 

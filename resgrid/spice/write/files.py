@@ -41,7 +41,7 @@ class WrittenDeck:
     commands : pathlib.Path
         The file that includes the deck and requests the operating point or other analyses.
     sidecar : pathlib.Path
-        JSON with hashes, cells, reference results and versions.
+        JSON with hashes, cells, expected voltages and currents, and versions.
     sha256 : str
         Hash of the deck, 64 hexadecimal digits.
     companion : pathlib.Path or None

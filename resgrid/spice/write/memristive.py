@@ -47,7 +47,7 @@ _OUTPUTS = 10
 """Number of times, equally spaced from ``stop / 10`` to ``stop``, at which the sidecar holds expected values."""
 
 _STEPS = 1000
-"""End of the transient divided by the default of the simulator's longest time step."""
+"""Number by which the end of the transient is divided for the default of the simulator's longest time step."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -35,10 +35,12 @@ The constants have the name of this state (free 0, blocked 1, goal 2, driven 3);
 def write_tiles(
     netlist: Netlist, chip: Chip, name: str, *, dialect: str, title: str | None, additions: Additions
 ) -> FlatDeck:
-    """Return the tile deck of a netlist built from a chip; `FlatDeck.parts` holds the chip file and the pattern file.
+    """Return the tile deck (one subcircuit per cell) of a netlist built from a chip.
 
-    `chip`: the chip; `name`: file name of the deck; `dialect`: name of the simulator's dialect; `title`: first line,
-    None for a description of the array; `additions`: changes of the lines that analyses require.
+    `FlatDeck.parts` of the result holds the chip file and the pattern file, which the main file includes. `netlist`:
+    the circuit; `chip`: chip with the resistances of all switches of the tiles; `name`: file name of the deck;
+    `dialect`: name of the simulator's dialect; `title`: first line, None for a description of the array; `additions`:
+    changes of the lines that analyses require.
     """
     tiles = tiles_of(netlist, chip)
     size = " x ".join(map(str, tiles.shape))

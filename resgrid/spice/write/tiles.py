@@ -1,4 +1,4 @@
-"""Decomposition of a chip's netlist into an array of tiles, where a tile is the circuit of one cell.
+"""Decomposition of a chip's netlist into an array of tiles (circuits of one cell), and the switches that tiles need.
 
 A tile holds the resistors to the next cells along each axis, a switch to the obstacle rail, a switch to the goal rail,
 and a capacitor to ground.  With open obstacles or walls it also holds an internodal switch in series with every
