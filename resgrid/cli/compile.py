@@ -1,4 +1,4 @@
-"""``resgrid compile``: write the SPICE deck of a scene's chip; a helper writes such decks for other subcommands."""
+"""``resgrid compile``: write the SPICE deck of a scene's chip, also for other subcommands."""
 
 from __future__ import annotations
 

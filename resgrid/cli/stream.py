@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class _Topics:
-    """Options that name topics and the frame of the robot; None: found in the recording, if there.
+    """Options that name topics and the frame of the robot; None: chosen from the recording by type or usual name.
 
     `map_topic, updates_topic, goal_topic, pose_topic, tf_topic`: topics of maps, of map updates, of goals, of poses of
     the robot, and of transformations between coordinate frames; `base_frame`: name of the robot's frame.
