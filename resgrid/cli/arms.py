@@ -1,4 +1,7 @@
-"""Functions of subcommands for robots in space: counts of proven cells, and timed, collision-tested paths."""
+"""Functions of subcommands for arms: counts of proven cells (in space only), and timed, collision-tested paths.
+
+An arm is a robot with a fixed base, in the plane or in space.
+"""
 
 from __future__ import annotations
 
@@ -25,11 +28,12 @@ CLEARANCE_STEP = 0.01
 
 
 def verdict_data(job: Job) -> dict[str, Any]:
-    """Return the numbers of free, colliding and undecided cells as a dictionary for JSON.
+    """Return the numbers of free, colliding and undecided cells of an arm in space as a dictionary for JSON.
 
-    The dictionary is empty for robots of the plane. Otherwise its only key ``verdicts`` holds a dictionary with the
-    keys ``proven``, ``free_cells``, ``collision_cells`` and ``undecided_cells``. With the sampling ``"centre"`` nothing
-    is proven: ``proven`` is false, no cell is undecided, and a cell is free if the configuration at its centre is.
+    An undecided cell is proven neither free nor colliding. The dictionary is empty for robots that are not from a URDF
+    file. Otherwise its only key ``verdicts`` holds a dictionary with the keys ``proven``, ``free_cells``,
+    ``collision_cells`` and ``undecided_cells``. With the sampling ``"centre"`` nothing is proven: ``proven`` is false,
+    no cell is undecided, and a cell is free if the configuration at its centre is.
     """
     if job.scene.robot.workspace_ndim != 3:
         return {}
@@ -46,9 +50,9 @@ def verdict_data(job: Job) -> dict[str, Any]:
 
 
 def verdict_lines(data: Mapping[str, Any]) -> Iterator[str]:
-    """Yield lines of text on the numbers of free, colliding and undecided cells.
+    """Yield lines of text on the numbers of free, colliding and undecided cells; no line without these numbers.
 
-    `data`: dictionary that contains the result of `verdict_data`.
+    `data`: dictionary that contains the keys of `verdict_data`, and may contain others.
     """
     verdicts = data.get("verdicts")
     if verdicts is None:
@@ -86,7 +90,8 @@ def check_route(job: Job, route: Route) -> Route:
 def check_routes(job: Job, routes: list[Route]) -> list[Route]:
     """Return routes of an arm with their clearances in metres, and for an arm in space with their first collisions.
 
-    A route is the path of one start at one weight k; routes of robots without a fixed base are returned unchanged.
+    A route is the path of one start at one weight k; its clearance is the smallest distance of the robot from obstacles
+    along the path. Routes that reach no goal and routes of robots without a fixed base are returned unchanged.
     """
     if job.scene.robot.base is None:
         return routes
@@ -145,5 +150,5 @@ def write_trajectories(folder: Path, routes: list[Route]) -> dict[str, str]:
 
 
 def collides(routes: list[Route]) -> bool:
-    """Return whether any path that was tested for collisions collides."""
+    """Return whether a collision was found on any of the routes (paths); none is found on an untested route."""
     return any(route.collision is not None for route in routes)

@@ -114,7 +114,7 @@ def _kicad(asked: bool | None) -> KicadCli | None:
 
 
 def _report_ignored(job: Job) -> dict[str, list[str]]:
-    """Print the keys of the chip that a board ignores; return ``{"ignored": keys}`` for JSON.
+    """Print the keys of the scene's ``[chip]`` table that a board ignores; return ``{"ignored": keys}`` for JSON.
 
     Raises InputError for a scene with several weights k, because a board is one circuit.
     """
@@ -134,7 +134,7 @@ def _report_ignored(job: Job) -> dict[str, list[str]]:
 def _write(board: rg.hardware.Board, work: Path, kicad: KicadCli | None) -> dict[str, str]:
     """Write all files except the summary into the folder `work`; return descriptions by file name.
 
-    `kicad`: kicad-cli, None for the files of the project only.
+    `kicad`: kicad-cli, which writes the files for a manufacturer; None: these files are not written.
     """
     from resgrid.hardware.board_files import described, manufacture, write_board
     from resgrid.plot.figures import save_figure
@@ -156,8 +156,9 @@ def _write(board: rg.hardware.Board, work: Path, kicad: KicadCli | None) -> dict
 def _summary(board: rg.hardware.Board, job: Job) -> dict[str, Any]:
     """Return the summary of a board as a dictionary for JSON, in SI units except for sizes in millimetres.
 
-    It contains the size, the numbers of parts and bridges, supply, power and tolerance. The key ``yield`` holds the
-    predicted fraction of starts that reach a goal, with its confidence interval and the resolution in ``bits``.
+    It contains the size, the numbers of parts and bridges, supply, power and tolerance (a fraction). The key ``yield``
+    holds the predicted fraction of starts that reach a goal (``value``), its confidence interval (``low``, ``high``),
+    and the resolution of the measured voltages in ``bits``.
     """
     bits = board.readout.bits or 0
     overall = board.predicted_yields[bits]

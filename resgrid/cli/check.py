@@ -1,4 +1,7 @@
-"""``resgrid check``: compare decks, boards and layouts with outside programs, and check electrical rules."""
+"""``resgrid check``: compare decks, boards and layouts with outside programs, and check electrical rules.
+
+The comparison of a new deck with its simulation, and the report on it, also serve other subcommands.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +36,7 @@ TIMEOUT = 600.0
 """Default limit of the duration of a simulation, in seconds; a longer simulation is stopped."""
 
 MAX_AUTOMATIC_SECONDS = 30.0
-"""Largest estimated duration, in seconds, of a simulation that runs without the option ``--check``."""
+"""Largest estimated duration, in seconds, of a simulation that runs without being requested by ``--check``."""
 
 
 @subcommand(
@@ -197,7 +200,8 @@ def _say_violations(violations: Sequence[Violation], severity: str) -> None:
 def _report_cost(circuit: rg.Netlist | Circuit, limits: dict[str, Any]) -> None:
     """Print the estimated time and memory of a simulation; raise BudgetError if the time exceeds the limit.
 
-    `circuit`: the simulated circuit; `limits`: keywords of `rg.check_deck` with ``engine`` and ``timeout`` (seconds).
+    An estimate of at most 10 s is printed only with the option ``--verbose``.  `circuit`: the simulated circuit;
+    `limits`: keywords of `rg.check_deck` with ``engine`` and ``timeout`` (seconds).
     """
     from resgrid.spice.run.cost_estimate import forecast, require_time
     from resgrid.spice.run.ngspice import ngspice_version
@@ -213,7 +217,8 @@ def check_written(deck: Path, netlist: rg.Netlist, asked: bool | None, folder: P
 
     `deck`: file of the deck; `netlist`: circuit of the deck, for the estimate of the time; `asked`: True for the option
     ``--check``, False for ``--no-check``, None without these options; `folder`: final folder of the deck, for messages.
-    Without these options, the deck is simulated if ngspice is installed and needs at most `MAX_AUTOMATIC_SECONDS`.
+    Without these options, the deck is simulated if ngspice is installed and needs at most 30 s by the estimate.  With
+    ``--check``, a missing ngspice raises ToolMissingError.
     """
     from resgrid.spice.run.cost_estimate import forecast
     from resgrid.spice.run.ngspice import ngspice_version
@@ -247,7 +252,7 @@ def agreement_data(agreement: Agreement) -> dict[str, Any]:
 
 
 def agreement_lines(agreement: Agreement) -> Iterable[str]:
-    """Yield the lines of text for a comparison with a simulation: the verdict, then findings and remarks."""
+    """Yield the lines of text for a comparison with a simulation: the verdict, then findings and the remark."""
     read = agreement.as_read or agreement
     verdict = _comparison(read, _REFERENCES[agreement.reference])
     if agreement.verified:

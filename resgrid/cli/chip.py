@@ -157,7 +157,7 @@ def _open(job: Job) -> Study:
 
 
 def _analyse(name: str, study: Study, effort: Effort, work: Path) -> Section:
-    """Return the report section of the analysis `name`, and write its pictures as PNG files to the folder `work`.
+    """Run the analysis `name`, write its pictures as PNG files to the folder `work`, and return its report section.
 
     `study`: the chip to analyse; `effort`: limits of the numbers of trials and of the computing time.
     """

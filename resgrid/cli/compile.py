@@ -1,4 +1,4 @@
-"""``resgrid compile``: write the SPICE deck of a scene's chip."""
+"""``resgrid compile``: write the SPICE deck of a scene's chip, also for other subcommands."""
 
 from __future__ import annotations
 
@@ -120,9 +120,9 @@ def _assume_switches(job: Job, boundary: str) -> tuple[Job, dict[str, float]]:
 def write_deck(
     target: str | Path, job: Job, name: str, op: rg.OperatingPoint, dialect: str, form: Form = "flat"
 ) -> WrittenDeck:
-    """Write a chip's deck with its sidecar, simulator commands and self-check deck; return their file names.
+    """Write a chip's deck with its sidecar, simulator commands and self-check deck; return the names of these files.
 
-    With the self-check deck, ngspice compares its results with the expected ones; it is written for ngspice only.
+    With the self-check deck, ngspice compares its results with the expected ones; for other dialects it is not written.
 
     `target`: name of the deck; `job`: scene with chip and space; `name`: name of the circuit, for the title; `op`:
     operating point of the circuit; `dialect`: SPICE dialect; `form`: "flat", or "cells" for an array of tiles (circuits

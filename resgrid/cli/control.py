@@ -39,9 +39,10 @@ def _control_options(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _option(key: str, hint: Any, default: Any, meaning: str) -> Callable[..., Any]:
-    """Return the decorator that adds the option of a key of the ``[control]`` table.
+    """Return the decorator that adds the option of a key of the ``[control]`` table to a subcommand.
 
-    `key`: name of the key; `hint`: type annotation; `default`: default value, None without a default; `meaning`:
+    `key`: name of the key, which becomes ``--key`` with dashes; `hint`: type annotation of the key, which determines
+    the type of the option; `default`: default value of the key for the help text, None without a default; `meaning`:
     description for the help text.
     """
     if type(None) in get_args(hint):
@@ -143,7 +144,8 @@ def command(
 def _check_pictures(picture: str | None, *films: str | None) -> None:
     """Raise InputError or ToolMissingError unless the suffixes of the files select formats that can be written.
 
-    `picture`: file of a picture; `films`: files of animations; None for no file.
+    `picture`: file of a picture; `films`: files of animations; None for no file.  ToolMissingError means that the
+    program for a format (ffmpeg) is missing.
     """
     from resgrid.plot.animations import check_animation
     from resgrid.plot.figures import picture_format
@@ -158,7 +160,8 @@ def _check_pictures(picture: str | None, *films: str | None) -> None:
 def _front(sim: Simulation, run: rg.control.Run) -> Wavefront:
     """Return the spread of the change of the potential that starts when the hidden obstacles enter the map.
 
-    `sim`: simulation of the robot; `run`: motion whose duration the result covers, at `FRAMES` times.
+    `sim`: simulation of the robot; `run`: motion whose duration determines the times of the result: `FRAMES` times from
+    0 to the duration, counted in cells that the robot crosses at nominal speed.
     """
     import numpy as np
 

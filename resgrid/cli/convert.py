@@ -96,7 +96,7 @@ def _circuit(
 def _write_deck(
     netlist: rg.Netlist, title: str | None, op: rg.OperatingPoint | None, output: str, dialect: str
 ) -> tuple[dict[str, Any], Mapping[str, int]]:
-    """Write a deck, with a sidecar if `op` is given; return JSON data, and counts of elements left out by kind.
+    """Write a deck, with a sidecar if `op` is given; return JSON data, and numbers of the elements left out, by kind.
 
     The JSON data has the keys ``sidecar``, ``commands`` (names of the files) and ``sha256`` (hash of the deck); it is
     empty without `op`.  `netlist`: the circuit; `title`: first line of the deck, None for a description of the netlist;

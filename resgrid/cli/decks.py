@@ -27,8 +27,9 @@ _MAX_NOTES = 20
 def is_deck(source: CommandInput) -> bool:
     """Return whether an input is a circuit instead of a scene.
 
-    A file is a circuit if its suffix is that of a deck or network, or if a sidecar of the file exists.  Standard input
-    is a circuit if the option ``--read-as`` is given.
+    A file is a circuit if its suffix is that of a deck, if it is a network (edge list, graph or Circuitscape
+    configuration), or if the file has a sidecar (``FILE.json``).  Standard input is a circuit if the option
+    ``--read-as`` is given.
     """
     from resgrid.spice.read.deck import is_network
 
@@ -49,7 +50,8 @@ def refuse_scene_options(source: CommandInput) -> None:
 def open_deck(source: CommandInput, *, names: bool = True) -> Circuit:
     """Return the circuit of a deck or a network, and print the notes (warnings and remarks) of its reader.
 
-    `names`: whether the circuit gets a note for every name that several elements have.
+    `source`: the input with its options; `names`: whether the circuit gets a note for every name that several elements
+    have.
     """
     refuse_scene_options(source)
     path = Path(source.file)

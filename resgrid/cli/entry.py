@@ -1,4 +1,7 @@
-"""The group of all subcommands, which are imported when called, and the mapping of errors to exit codes."""
+"""The entry point: the group of all subcommands, and the report of errors and signals with the exit code.
+
+A subcommand is imported when it is called.
+"""
 
 from __future__ import annotations
 
@@ -57,7 +60,7 @@ The subcommand is the object ``command`` of the module of its name.
 
 
 _GC_THRESHOLD = 50_000
-"""Garbage collection threshold while a subcommand runs: allocated minus freed container objects; Python: 700."""
+"""Allocated minus freed container objects at which garbage is collected while a subcommand runs; Python's: 700."""
 
 
 class SubcommandGroup(click.Group):
@@ -157,7 +160,9 @@ class SubcommandGroup(click.Group):
 
 @contextlib.contextmanager
 def _interrupt_on_signals(*, is_process: bool) -> Iterator[None]:
-    """Handle SIGTERM and SIGHUP (a closed terminal) like Ctrl-C inside the context; ignore signals during the cleanup.
+    """Raise KeyboardInterrupt for SIGINT, SIGTERM and SIGHUP (a closed terminal) inside the context.
+
+    After the first signal, further ones are ignored, so that they do not disturb the cleanup.
 
     `is_process`: whether the process ends after the command; if so, signals stay ignored until the end of the process.
     """

@@ -31,8 +31,9 @@ def is_hardware(file: str) -> bool:
 def check_hardware(source: CommandInput, tolerance: float, timeout: float) -> int:
     """Verify a board or layout, print the result, and return the exit code.
 
-    `source`: the input; `tolerance`: largest accepted error of a voltage, relative to the supply; `timeout`: limit of
-    each run of an outside program, in seconds.
+    The code is 0 for agreement, 1 for a difference and 5 if a check could not be done.  `source`: the input;
+    `tolerance`: largest accepted error of a voltage, relative to the supply; `timeout`: limit of each run of an outside
+    program, in seconds.
     """
     if source.changes or source.map_options:
         raise InputError(

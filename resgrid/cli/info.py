@@ -66,7 +66,8 @@ def describe(job: Job) -> dict[str, Any]:
     Keys: the scene's keys such as ``title``, ``axes`` and ``starts``; ``map``: dictionary on how the map was read, None
     without a map; ``sketch`` (rows of letters), ``sketch_lower``, ``sketch_upper`` (corners of the shown part, in axis
     units) and ``sketch_key`` (meaning of the letters), None unless there are two axes; numbers of cells, such as
-    ``free_cells``, and of ``goals``; ``nodes``, ``resistors`` and ``memory_bytes`` of the circuit.
+    ``free_cells``, and of ``goals``; ``verdicts`` (numbers of proven cells) for an arm in space; ``nodes``,
+    ``resistors`` and ``memory_bytes`` of the circuit, or the reason ``no_circuit``.
     """
     from resgrid.cli.sketch import sketch
     from resgrid.scene.maps.formats import describe_map
@@ -132,10 +133,11 @@ def _cost(job: Job) -> dict[str, Any]:
 def describe_deck(deck: Circuit) -> dict[str, Any]:
     """Return the description of a deck as a dictionary for JSON.
 
-    Keys: those of `deck_data`; ``smallest_resistance`` and ``largest_resistance``: range of the resistances above 0, in
-    ohms, None without one; ``shorts``: number of resistors of 0 ohm and sources of 0 V; ``supply_volts``: different
-    source voltages except 0, ascending, at most the 100 lowest; ``floating_nodes``: number of nodes without a
-    connection to ground; ``ngspice_seconds`` and ``ngspice_memory_bytes``: estimated cost of a simulation.
+    Keys: those of `deck_data` (``source``, ``title``, ``nodes``, numbers of elements and so on);
+    ``smallest_resistance`` and ``largest_resistance``: range of the resistances above 0, in ohms, None without one;
+    ``shorts``: number of resistors of 0 ohm and sources of 0 V; ``supply_volts``: different source voltages except 0 in
+    volts, ascending, at most the 100 lowest; ``floating_nodes``: number of nodes without a conducting path to ground;
+    ``ngspice_seconds`` and ``ngspice_memory_bytes``: estimated cost of a simulation.
     """
     import numpy as np
 

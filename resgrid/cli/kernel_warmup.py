@@ -1,4 +1,4 @@
-"""Jobs that call all compiled kernels, so that their machine code is in the cache before it is needed.
+"""Jobs that call all compiled kernels, so that the kernels' machine code is in the cache before a user needs it.
 
 Numba compiles a kernel at its first call and caches it next to its source (or in ``NUMBA_CACHE_DIR``).  Each job in
 `CASES` calls the kernels of one or several methods.  The jobs run in several processes, which share the cached kernels.
@@ -58,10 +58,11 @@ _TURNING = rg.Scene(
 
 
 def _room(*shape: int, walls: int = 0) -> rg.ConfigurationSpace:
-    """Return a space with a goal in its last corner, and with a block of obstacle cells, or parallel barriers of them.
+    """Return a space with a goal cell in its last corner, and with a block of obstacle cells or parallel barriers.
 
-    `shape`: number of cells per axis; `walls`: distance between the barriers in cells, 0 for a block in the middle.
-    Each barrier leaves a passage at one end, at alternating ends for successive barriers.
+    `shape`: number of cells per axis; `walls`: distance between barriers of obstacle cells, in cells; 0 for one block
+    near the middle instead of barriers.  Each barrier leaves a passage at one end, at alternating ends for successive
+    barriers.
     """
     cell = np.zeros(shape, dtype=np.uint8)
     if walls:
@@ -202,7 +203,10 @@ CASES: dict[str, Callable[[], None]] = {
         _plane_of_voltages, _open_obstacles,
     )
 }  # fmt: skip
-"""Warm-up jobs by name, in the order of decreasing compile time; each job compiles kernels that others do not use."""
+"""Warm-up jobs by name, in the order of decreasing compile time.
+
+A job is a function without arguments that calls some kernels that the other jobs do not call.
+"""
 
 
 def compile_last_stages() -> None:
@@ -228,7 +232,7 @@ def compile_last_stages() -> None:
 def compile_kernels(jobs: int | None = None) -> Iterator[str]:
     """Run all jobs of `CASES` in several processes, and yield the name of each finished job.
 
-    `jobs`: number of processes, by default one per core.
+    `jobs`: largest number of processes, by default one per core.
 
     Raises
     ------
@@ -247,7 +251,7 @@ def compile_kernels(jobs: int | None = None) -> Iterator[str]:
 
 
 def _disable_collector() -> None:
-    """Disable garbage collection, which takes 5 % of the time because the compiler holds many lasting objects."""
+    """Disable garbage collection in a worker process, where it takes 5 % of the time of compilation."""
     gc.disable()
 
 

@@ -18,10 +18,10 @@ from resgrid.hardware.record import record_path
 from resgrid.processes.reading import process_names
 
 PROCESSES = tuple(process_names())
-"""Names of all processes, each with one of its resistors, such as ``ihp-sg13g2:rppd``."""
+"""Names of all pairs of a process and one of its resistors, such as ``ihp-sg13g2:rppd``."""
 
 DRAWN = ("process", "corner", "width")
-"""Keys of the ``[chip]`` table that determine the layout; other keys are reported as ignored."""
+"""Keys of the ``[chip]`` table that the ideal grid ignores and a layout applies; a layout ignores the other ones."""
 
 SHOWN_PADS = 8
 """Largest number of pads whose places are printed in the floor plan."""

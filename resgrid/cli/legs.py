@@ -22,10 +22,10 @@ def answer_legs(
 ) -> int:  # fmt: skip
     """Compute and report the paths of several legs from all starts of a scene; return the exit code.
 
-    `output`: file of the paths, None for none; `via`: intermediate places in world coordinates, or, with
-    `in_cells`, cell indices; `approximate`: whether to end at the reachable place nearest to a goal that cannot be
-    reached; `escape`: whether a robot that touches an obstacle at the start first leaves it on a straight line, which
-    is not certified.
+    The exit code is 0 if all paths reach a goal, otherwise 1.  `source`: input with its options; `output`: file of the
+    paths, None for none; `via`: intermediate places in world coordinates, or, with `in_cells`, cell indices;
+    `approximate`: whether to end at the reachable place nearest to a goal that cannot be reached; `escape`: whether a
+    robot that touches an obstacle at the start first leaves it on a straight line, which is not certified.
     """
     from resgrid.io.leg_paths import leg_record, write_leg_paths
     from resgrid.io.tables import suffix_of

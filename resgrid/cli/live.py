@@ -1,4 +1,7 @@
-"""``resgrid live``: serve the live page, a browser editor of scenes with a continuously solved grid."""
+"""``resgrid live``: serve the live page, a browser editor of scenes with a continuously solved grid, or a 3-D view.
+
+Scenes with two axes have the editor; arms, points and balls in space have the 3-D view.
+"""
 
 from __future__ import annotations
 
@@ -64,7 +67,11 @@ def command(source: CommandInput | None, host: str, port: int, read_only: bool, 
 
 
 def _open_view(job: Job, host: str, port: int, read_only: bool, browser: bool) -> Viewer:
-    """Return the opened 3-D view of a robot in space; raise InputError for options that only plane pages have."""
+    """Open a page with a 3-D view of the scene, whose robot moves in space, and return the view.
+
+    `host`: address of the server; `port`: its port, 0 for any free one; `browser`: whether to open the page in the
+    browser.  Raises InputError for `read_only` and for another host than this computer, which only plane pages support.
+    """
     if host != _LOCAL:
         raise InputError(f"--host {host}: the 3-D view serves this computer only; leave out --host")
     if read_only:

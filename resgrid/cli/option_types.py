@@ -19,7 +19,10 @@ else:
 
 
 def _example(param: click.Parameter | None) -> str:
-    """Return a description and an example of an option's numbers as text, from the option's metavar (X,Y or K)."""
+    """Return a description and an example of an option's numbers as text, for messages.
+
+    The metavars ``K`` (weights) and ``X,Y`` (a place) of the option `param` have texts of their own.
+    """
     metavar = (param.metavar if isinstance(param, click.Option) else None) or ""
     if metavar == "K":
         return "a number from 0 to 1, such as 0.9, or several separated by commas"
@@ -106,14 +109,18 @@ def fraction_below(limit: float) -> NumberRange:
 class Suggested(_Type):
     """Type of an option that is a word, which the library validates.
 
-    `name`: name of the type in help texts; `words`: common words, which the shell completes; others are accepted, too.
+    `name`: name of the type in help texts; `words`: words that the shell completes.  The option accepts any text, so
+    that the library can raise an error with a suggestion.
     """
 
     def __init__(self, name: str, *words: str) -> None:
         self.name, self.words = name, words
 
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:  # noqa: ARG002
-        """Return the completions: all common words that begin with the text `incomplete`."""
+        """Return the completions: the words of this type that begin with the text `incomplete`.
+
+        The words are those given to the constructor; the option also accepts words that the shell does not complete.
+        """
         return [CompletionItem(word) for word in self.words if word.startswith(incomplete)]
 
 
@@ -138,7 +145,10 @@ class OutputPath(click.Path):
     """Type of an option that is an output file or folder, checked for writing before the computation."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:  # noqa: ARG002
-        """Return the name of the output unchanged; raise InputError if it is empty or the file cannot be written."""
+        """Return the name of the output; raise InputError for an empty name or a file that cannot be written.
+
+        An option that may be a folder is only tested for an empty name.  The name ``-`` (standard output) is accepted.
+        """
         if not value.strip():
             option = param.opts[0] if param else "the output"
             raise InputError(f"{option}: the name is empty; give a file name, or - for standard output")
@@ -151,7 +161,10 @@ class SourceName(click.Path):
     """Type of an argument that is the name of a scene, a map or a deck, with shell completion."""
 
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-        """Return the matching files and shipped scenes; without a matching scene, the shell completes files."""
+        """Return the files and the shipped scenes whose names begin with the text `incomplete`.
+
+        The shell completes only files if no shipped scene matches, or if the text is empty and the folder has files.
+        """
         from resgrid.scene.shipped import shipped_scenes
 
         shipped = [name for name in shipped_scenes() if name.startswith(incomplete)]

@@ -31,7 +31,7 @@ Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 
 
 class SharedOption(click.Option):
-    """An option that many subcommands have; `group`: title of the section in the help texts."""
+    """An option that many subcommands have; `group`: title of the section of help texts that lists the option."""
 
     def __init__(self, *names: Any, group: str, **options: Any) -> None:
         super().__init__(*names, **options)
@@ -67,7 +67,10 @@ class Subcommand(click.Command):
 
 
 def is_source(word: str) -> bool:
-    """Return whether a word has the form of an input: a file, a link of the live page, or a shipped scene's name."""
+    """Return whether a word has the form of an input of a subcommand.
+
+    Such words are existing files, names with a suffix, links of the live page, and names of shipped scenes.
+    """
     from resgrid.scene.shipped import shipped_scene
 
     path = Path(word)
@@ -194,7 +197,8 @@ def subcommand(name: str, *, examples: Sequence[str]) -> Decorator:
 def with_source(metavar: str = "SCENE", *, required: bool = True) -> Decorator:
     """Return a decorator that passes the input and its options to a subcommand as the keyword ``source``.
 
-    `metavar`: name of the input in help texts; `required`: whether an input is necessary; ``source`` is None without.
+    `metavar`: name of the input in help texts; if the name contains ``DECK``, options of decks are added; `required`:
+    whether an input is necessary; if not, ``source`` is None without an input.
     """
     options = (*_SCENE_OPTIONS, *(_DECK_OPTIONS if "DECK" in metavar else ()))
 
@@ -241,8 +245,9 @@ def output_option(
 ) -> Decorator:
     """Return the decorator that adds the option ``-o`` to a subcommand.
 
-    `help_text`: help of the option; `required`: whether it must be given; `of_folder`: whether it names a folder;
-    `may_be_folder`: whether the input decides between file and folder, so that the subcommand checks the name.
+    `help_text`: help of the option; `required`: whether it must be given; `of_folder`: whether it names a folder (True)
+    or a file (False); `may_be_folder`: True if the input decides between file and folder, so that the subcommand has to
+    check the name.
     """
     metavar = "DIR" if of_folder else "FILE"
     kind = OUTPUT_FOLDER if of_folder or may_be_folder else OUTPUT_FILE
@@ -278,7 +283,7 @@ def folder_of(output: str | None, source: CommandInput, end: str = "") -> Path:
 def dialect_option(default: str | None = "ngspice") -> Decorator:
     """Return the decorator that adds the option ``--dialect``, the SPICE dialect of the output deck.
 
-    `default`: value without the option; None if the subcommand chooses the dialect.
+    `default`: value if the option is not given; None if the subcommand then chooses the dialect.
     """
     return click.option(
         "--dialect", type=Suggested("dialect", *DIALECTS), default=default,
@@ -287,7 +292,10 @@ def dialect_option(default: str | None = "ngspice") -> Decorator:
 
 
 def given_options(*names: str) -> list[str]:
-    """Return those of the options `names` of the subcommand that stand on the command line, without dashes."""
+    """Return those names of options, among `names`, that the user has given on the command line.
+
+    Names have no leading dashes, and underscores in place of dashes, such as ``fixed_joints``.
+    """
     source_of = click.get_current_context().get_parameter_source
     return [name for name in names if source_of(name) is ParameterSource.COMMANDLINE]
 
@@ -300,7 +308,11 @@ def refuse_unused(why: str, names: Sequence[str]) -> None:
 
 
 def _source(file: str, keys: dict[str, Any], of_map: Mapping[str, Any], of_deck: Mapping[str, Any]) -> CommandInput:
-    """Return a subcommand's input from its name and the options for scene keys, maps and decks, as values by name."""
+    """Return a subcommand's input.
+
+    `file`: name of the input; `keys`, `of_map`, `of_deck`: values of the options for scene keys, maps and decks, by
+    name of the option.  Raises InputError for an invalid ``--set`` and for a key that two options give differently.
+    """
     plain = ("boundary", "drive", "edge", "leak", "lattice", "resistance")
     changes = {key: keys[key] for key in plain if keys[key] is not None}
     for key in ("goal", "start"):

@@ -150,14 +150,14 @@ def command(
 def _report_speed_masks(scene: rg.Scene, *, timed: bool) -> None:
     """Print that the speed limits of a scene's masks are ignored, if there are any and the paths get no times.
 
-    `timed`: whether the paths get times.
+    `timed`: whether the paths get times (points with times and velocities).
     """
     if not timed and any(mask.kind == "speed" for mask in scene.mask):
         say("ignored: the speed limits of masks, which apply to timed paths; add --speed")
 
 
 def _check_query_options(source: CommandInput) -> None:
-    """Raise InputError for options without effect on the answers to queries, and for places in `source`."""
+    """Raise InputError for options without effect on the answers to queries, and for goals and starts in `source`."""
     keys = {key.removesuffix("_cell") for key in source.changes}
     names: list[str] = [key for key in ("goal", "start", "goal_tolerance") if key in keys]
     names += given_options("shorten", "speed", "acceleration", "rate", "fixed_joints")
@@ -190,8 +190,9 @@ def _is_timed(
     """Return whether paths get times.
 
     They do with --speed. A robot whose description has velocity limits does not need --speed: its paths also get times
-    with --acceleration or --rate, and for an output file of ROS (.yaml). For other robots these two options without
-    --speed raise InputError.
+    with --acceleration or --rate, and for an output file of ROS (.yaml). For other robots, --acceleration and --rate
+    without --speed raise InputError. `output`: file of the paths; `speed`, `acceleration`, `rate`: values of the
+    options, empty or None if they are not given.
     """
     has_limits = job.scene.robot.velocity_limits is not None
     for option, given in (("--acceleration", bool(acceleration)), ("--rate", rate is not None)):

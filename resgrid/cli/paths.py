@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 class Plan:
     """The results of planning a scene.
 
-    `operating_points`: solved circuits by name, such as "dirichlet"; `fields`: all fields with current, or one field if
-    no field has current; `routes`: one path for each start and each weight k.
+    `operating_points`: solved circuits by name, such as "dirichlet"; `fields`: all fields with current, or, if no field
+    has current, the first field; empty without fields; `routes`: one path for each start and each weight k.
     """
 
     operating_points: Mapping[str, rg.OperatingPoint]
@@ -44,7 +44,10 @@ class Plan:
 
 
 def plan_routes(job: Job) -> Plan:
-    """Return circuits, fields and certified routes (paths) for all starts and weights k of a scene."""
+    """Solve the circuits of a scene, and return them with the fields and the certified paths.
+
+    There is one path for each start and each weight k; if starts drive the grid, one for each start.
+    """
     from resgrid.io.paths import Route
     from resgrid.planning.advice import Advisor
     from resgrid.planning.any_field import path_of
@@ -93,7 +96,8 @@ def _failure(route: Route) -> tuple[object, ...]:
 def _reached_line(route: Route) -> str:
     """Return the line of text for a route (path of one start at one weight k) that reaches a goal.
 
-    The line contains length and clearance of the path and, if it was shortened or timed, those of its streamline.
+    The line contains length and clearance of the path and, if the path was shortened or timed, also those of the
+    streamline from which it was made.
     """
     path = route.streamline
     assert path is not None and path.goal is not None
@@ -113,7 +117,7 @@ def _reached_line(route: Route) -> str:
 def _workspace_text(route: Route) -> str:
     """Return the smallest distance of an arm from a collision, or its first collision, as the end of a line of text.
 
-    The text is empty for a route without a known distance that was not tested for collisions.
+    The text is empty for a route that was not tested for collisions and has no known, finite distance.
     """
     distance = route.workspace_clearance
     hit = route.collision
@@ -134,8 +138,9 @@ def _figures(length: float, clearance: float | None, path: FieldPath) -> str:
 def answer_queries(job: Job, file: str, limit: int | None, output: str | None, ignored: dict[str, list[str]]) -> int:
     """Compute and report the paths for the queries of a MovingAI scenario file; return the exit code.
 
-    `job`: scene and space; `file`: scenario file; `limit`: largest number of queries, None for all; `output`: JSON
-    file, None for none; `ignored`: list of the scene keys without effect under the key ``ignored``, for JSON.
+    The exit code is 0 if all paths reach their goal, otherwise 1.  `job`: scene and space; `file`: scenario file;
+    `limit`: largest number of queries, None for all; `output`: JSON file, None for none; `ignored`: list of the scene
+    keys without effect under the key ``ignored``, for JSON.
     """
     from resgrid.io.tables import suffix_of, write
 
@@ -160,7 +165,8 @@ def answer_queries(job: Job, file: str, limit: int | None, output: str | None, i
 def _require_own_map(job: Job, queries: Sequence[MovingAIScenario], file: str) -> None:
     """Raise InputError for queries of another map than that of the job.
 
-    Maps from a pipe have no name and are not checked.  `file`: scenario file, for the message.
+    The names of the files are compared, and only for MovingAI maps (.map): a map from a pipe has no such name.  `file`:
+    scenario file, for the message.
     """
     cells = job.scene.map
     own = None if cells is None else Path(cells.table["file"])

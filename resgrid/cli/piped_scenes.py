@@ -1,4 +1,4 @@
-"""Scenes and maps from standard input."""
+"""Reader of scenes and maps from standard input, and the error for map options of a scene without a map."""
 
 from __future__ import annotations
 
@@ -26,7 +26,10 @@ def refuse_map_options(source: CommandInput) -> None:
 
 
 def piped_scene(source: CommandInput) -> rg.Scene:
-    """Return the scene from standard input, which is TOML or a map, recognised by its first bytes."""
+    """Return the scene from standard input, with the changes of `source`.
+
+    The input is a map if its first bytes are those of a map format or ``--format`` is given; otherwise it is TOML.
+    """
     from resgrid.scene.maps.formats import FORMATS
     from resgrid.scene.maps.ros_header import NEWEST, read_header
     from resgrid.scene.overrides import build_changed
@@ -54,7 +57,10 @@ def piped_scene(source: CommandInput) -> rg.Scene:
 
 
 def _piped_document(data: bytes) -> Document:
-    """Return the TOML document of standard input; the error for other text names the option of a piped deck."""
+    """Return the TOML document in the content of standard input; raise InputError for other text.
+
+    The message names the option of a piped deck, ``--read-as``, if the subcommand has this option.
+    """
     from resgrid.scene.reading import parse_document
 
     try:

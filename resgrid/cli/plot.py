@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 PICTURES = ("page", "space", "potential", "currents", "paths", "circuit", "slices", "robot")
 PAGE_AXES = 4
-"""Largest number of axes of a space for which ``resgrid run`` draws overview pages."""
+"""Largest number of axes of a space for which ``resgrid run`` draws pages: potential, currents and paths together."""
 
 CIRCUIT_CELLS = 8
 """Largest number of cells along an axis for which ``resgrid run`` draws the circuit."""
@@ -80,6 +80,7 @@ def _album(job: Job, plan: Plan) -> Iterator[tuple[str, str, str, AnyField | Non
     """Yield file name, caption, kind (a name in `PICTURES`) and field of each picture that ``resgrid run`` draws.
 
     The file name has no suffix.  The field is None for a picture of all paths, the robot, the cells or the circuit.
+    `plan`: solved circuits, fields and paths.
     """
     several = len(plan.fields) > 1
     for number, field in enumerate(plan.fields if job.space.ndim <= PAGE_AXES else ()):
@@ -102,8 +103,8 @@ def _draw(what: str, job: Job, plan: Plan, field: AnyField | None) -> Any:
     """Draw one picture, and return its matplotlib axes or figure.
 
     `what`: kind of the picture, a name in `PICTURES`; `plan`: solved circuits, fields and paths; `field`: field in the
-    picture, None for a picture of all paths, of the robot or of the circuit.  In a space of two axes, unknown cells of
-    a map have a colour of their own.
+    picture, None for a picture of all paths, of the robot, of the cells or of the circuit.  In a space of two axes,
+    unknown cells of a map have a colour of their own.
     """
     picture = _drawn(what, job, plan, field)
     if what in ("page", "potential", "currents", "paths"):
@@ -115,7 +116,10 @@ def _draw(what: str, job: Job, plan: Plan, field: AnyField | None) -> Any:
 
 
 def _circuit_of(plan: Plan, field: AnyField | None) -> rg.OperatingPoint:
-    """Return the circuit of a field, or the first circuit without a field; raise InputError for a blend of circuits."""
+    """Return the solved circuit of `field`, the first circuit if `field` is None; raise InputError for a blend.
+
+    A blend (0 < k < 1) has two circuits.  `plan`: solved circuits by name.
+    """
     circuits = plan.operating_points
     if field is not None and 0 < field.k < 1:
         raise InputError(
@@ -184,7 +188,7 @@ def _draw_robot(job: Job, plan: Plan) -> Any:
 
 
 def _titled(picture: Any, title: str) -> Any:
-    """Return the figure of a picture, after a title is written above the picture."""
+    """Write a title above a picture (matplotlib axes or figure), and return its figure."""
     from resgrid.plot.figures import add_title, figure_of
 
     figure = figure_of(picture)

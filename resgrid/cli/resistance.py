@@ -21,7 +21,8 @@ _MOST_LINES = 40
 """Largest number of pairs that are printed; a file contains all pairs."""
 
 _SECONDS = 1e-5
-"""Approximate computing time per resistor of the circuit and terminal, in seconds, for the progress bar."""
+"""Approximate computing time per resistor of the circuit and per pair of terminals, in seconds, for the progress bar.
+"""
 
 
 @subcommand(
@@ -105,8 +106,8 @@ def _places(netlist: rg.Netlist, word: str, in_cells: bool) -> list[str | int]:
 def _node_at(netlist: rg.Netlist, place: str, in_cells: bool) -> str | int:
     """Return the node number of a place ``X,Y``, or the text itself if it has another form (a node name).
 
-    `in_cells`: whether X and Y are cell indices instead of world coordinates. Raises InputError for a place without a
-    node.
+    `netlist`: compiled circuit of the scene; `place`: the text; `in_cells`: whether X and Y are cell indices instead of
+    world coordinates. Raises InputError for a place without a node.
     """
     from resgrid.circuit.terminals import TerminalReader
 
@@ -145,7 +146,7 @@ def _lines(data: dict[str, Any]) -> Iterable[str]:
 
 
 def is_circuitscape_job(file: str) -> bool:
-    """Return whether an input is a Circuitscape configuration in another mode than advanced, or in an unknown mode."""
+    """Return whether an input is a Circuitscape configuration (.ini) with another scenario than ``advanced``."""
     from resgrid.spice.networks.configurations import read_configuration
 
     return Path(file).suffix.lower() == ".ini" and read_configuration(file).scenario != "advanced"

@@ -77,9 +77,10 @@ def command(source: CommandInput, output: str | None, asked: bool | None, dialec
 
 @contextmanager
 def _compile_last_kernels() -> Iterator[None]:
-    """Compile the kernels of the last stages of ``resgrid run`` in a second process during the block.
+    """Compile the kernels of the last stages of ``resgrid run``, streamlines and clearances, in a second process.
 
-    The function has no effect if the kernels are cached, or on a computer with a single core.
+    The second process runs during the ``with`` block.  The function has no effect if the kernels are cached, or on a
+    computer with a single core.
     """
     if not is_first_run() or (os.cpu_count() or 1) < 2:
         yield

@@ -29,9 +29,9 @@ if TYPE_CHECKING:
 class Job:
     """A scene with its configuration space and the options of its solution.
 
-    `scene`: the scene; `space`: its cells; `threads`: number of threads of the solver; `method`: solution method,
-    "auto", "direct", "multigrid" or "petsc"; `ranks`: number of processes of method petsc, None for the default of 2;
-    `launcher`: command that starts these processes, None for mpiexec.
+    `scene`: the scene; `space`: its cells; `threads`: largest number of threads of the solver; `method`: solution
+    method, "auto", "direct", "multigrid" or "petsc"; `ranks`: number of processes of method petsc, None for the default
+    of 2; `launcher`: command that starts these processes, None for mpiexec.
     """
 
     scene: rg.Scene
@@ -67,16 +67,18 @@ class Job:
     def solve(self, wiring: rg.Wiring, *, ideal: bool = False) -> rg.OperatingPoint:
         """Return the operating point of one circuit of the scene.
 
-        `wiring`: boundary conditions of the circuit; `ideal`: whether to solve the ideal grid instead of the chip.
+        `wiring`: boundary conditions and drive of the circuit; `ideal`: True solves the ideal grid, False the chip with
+        its imperfections.
         """
         return self._work.solve(self.compile(wiring, ideal=ideal), f"solve the {wiring.boundary} chip")
 
     def compile(self, wiring: rg.Wiring, *, ideal: bool = False, scaled: bool = True) -> rg.Netlist:
         """Return the netlist of one circuit of the scene.
 
-        `wiring`: boundary conditions of the circuit; `ideal`: whether to compile the ideal grid instead of the chip;
-        `scaled`: whether the injected currents of an ideal grid are scaled such that the highest node voltage is the
-        supply.
+        `wiring`: boundary conditions and drive of the circuit; `ideal`: True compiles the ideal grid, False the chip
+        with its imperfections; `scaled`: whether the injected currents of an ideal grid are scaled such that the
+        highest node voltage is the supply.  A chip with imperfections always gets the currents that are scaled for the
+        ideal grid.
         """
         from resgrid.planning.pipeline import compile_circuit
 
@@ -109,10 +111,11 @@ def open_job(
 ) -> Job:  # fmt: skip
     """Return the job of an input: read the scene with its changes, check the memory, and build the space.
 
-    Raises BudgetError if `method` needs a netlist and the netlist would not fit in memory.
+    Raises BudgetError if `method` needs a netlist (all methods but petsc) that would not fit in memory.
 
-    `require_goal`: whether a scene without a goal is an error; `method`: solution method, None if nothing is solved;
-    `ranks`: number of processes of method petsc; `launcher`: command that starts these processes.
+    `source`: the input with its options; `require_goal`: whether a scene without a goal is an error; `method`: solution
+    method, None if nothing is solved; `ranks`: number of processes of method petsc; `launcher`: command that starts
+    these processes.
     """
     with stage("read the scene"):
         scene = load_scene(source)
@@ -143,7 +146,7 @@ def _report_large_angles(scene: rg.Scene) -> None:
 
 
 def load_scene(source: CommandInput) -> rg.Scene:
-    """Return the scene of an input, with the changes that its options describe."""
+    """Return the scene of an input, with the changes that its options describe; raise InputError for a deck."""
     from resgrid.scene.overrides import build_changed
     from resgrid.scene.reading import is_link, link_document, read_document
 
@@ -164,8 +167,8 @@ def load_scene(source: CommandInput) -> rg.Scene:
 def _named_file(name: str) -> str | Path:
     """Return the file of the shipped scene with the name of an input, or the name unchanged for all other inputs.
 
-    A message reports the shipped scene.  Raises InputError for a name without a folder that is neither a file nor a
-    shipped scene.
+    A file in the working folder takes precedence over a shipped scene of the same name.  A message reports the shipped
+    scene.  Raises InputError for a name without a folder that is neither a file nor a shipped scene.
     """
     from resgrid.scene.shipped import shipped_scene, shipped_scenes
 
@@ -183,11 +186,14 @@ FIRST_RUN = (
     "('python -m resgrid.cli.warm' compiles all kernels in advance, on all cores)"
 )
 _FIRST_KERNEL = "csr_kernels.conductances_by_row*.nbi"
-"""Pattern of the name of numba's cache file of a kernel that every solution compiles first."""
+"""File name pattern of numba's cache of one kernel; every solution compiles this kernel before all others."""
 
 
 def is_first_run() -> bool:
-    """Return whether a solution will compile kernels for solving circuits and cache them for later runs."""
+    """Return whether the next solution compiles the kernels for circuits, because the cache does not hold them yet.
+
+    The result is False if there is no cache.
+    """
     from resgrid._internal.jit import cache_folder
     from resgrid.solvers.csr_kernels import conductances_by_row
 
@@ -326,8 +332,9 @@ _REASONS = {
 def report_ignored(job: Job, form: Form | Literal["chip"], *, k: Sequence[float] = ()) -> dict[str, list[str]]:
     """Print the keys of a scene that a subcommand ignores, with reasons; return ``{"ignored": keys}`` for JSON.
 
-    `form`: form of the circuit that the subcommand uses, a key of `_REASONS`, or "chip" if no key of the chip is
-    ignored; `k`: weights k of the scene that the subcommand ignores.
+    `form`: form of the circuit that the subcommand uses: "circuit" (all elements of the chip), "tiles" (array of
+    subcircuits), "grid" (ideal grid), or "chip" if no key of the chip is ignored; `k`: weights k that the subcommand
+    ignores, for "grid".  Other forms are one circuit, which ignores all weights k of a scene with several.
     """
     from resgrid.chip.build import keys_not_held
 

@@ -17,7 +17,7 @@ WIDTH, HEIGHT = 64, 24
 """Largest number of letters per row of a sketch, and largest number of rows."""
 
 MAX_UNKNOWN_FRACTION = 0.5
-"""Fraction of unknown cells above which a sketch shows only the surroundings of the known cells."""
+"""Fraction of the cells; if more cells are unknown, a sketch shows only the surroundings of the known cells."""
 
 MARGIN = 2
 """Width of the border of unknown cells that a cropped sketch shows around the known cells, in cells."""
@@ -44,8 +44,8 @@ def sketch(
 ) -> Sketch:
     """Return the text sketch of a space with two axes.
 
-    `starts`: points in axis units; `unknown`: mask of cells of unknown occupancy, shape of the space, None without such
-    cells.
+    Unknown cells are marked only where the space treats them as obstacles.  `starts`: points in axis units;
+    `unknown`: mask of cells of unknown occupancy in the map, shape of the space, None without such cells.
     """
     import numpy as np
 
@@ -70,8 +70,8 @@ def sketch(
 def _window(space: rg.ConfigurationSpace, unseen: NDArray[np.bool_]) -> tuple[slice, slice]:
     """Return the ranges of cells to show along both axes.
 
-    The ranges cover the grid, or, if more than half of the cells are unknown, the bounding box of the known cells with
-    a margin.  `unseen`: mask of obstacle cells of unknown occupancy, shape of the space.
+    The ranges cover the grid, or, if more than half of the cells are unknown but not all, the bounding box of the known
+    cells with a margin of 2 cells.  `unseen`: mask of obstacle cells of unknown occupancy, shape of the space.
     """
     import numpy as np
 

@@ -1,4 +1,4 @@
-"""``resgrid solve``: compute the operating point of a scene's chip, or of a deck."""
+"""``resgrid solve``: compute the operating point of the circuit of a scene, or of a deck."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ def _ranked_lines(data: dict[str, Any], shape: tuple[int, ...]) -> Iterable[str]
 def _deck_lines(data: dict[str, Any]) -> Iterable[str]:
     """Yield the lines of text for a solved deck: counts, residual, power and largest drops from the supply.
 
-    `data`: the union of the dictionaries of `solution_record` and `deck_data`.
+    `data`: dictionary for JSON with the description of the deck (`deck_data`) and the solution (`solution_record`).
     """
     from resgrid.spice.circuit import some
 

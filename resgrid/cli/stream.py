@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class _Topics:
-    """Options that name topics and the frame of the robot; None stands for the default of `read_bag`.
+    """Options that name topics and the frame of the robot; None: chosen from the recording by type or usual name.
 
     `map_topic, updates_topic, goal_topic, pose_topic, tf_topic`: topics of maps, of map updates, of goals, of poses of
     the robot, and of transformations between coordinate frames; `base_frame`: name of the robot's frame.
@@ -90,9 +90,10 @@ def command(
 
 
 def _streamed(source: CommandInput, topics: _Topics, output: str | None, plan_topic: str) -> StreamReport:
-    """Return the results for all frames of a recording.
+    """Plan a path for every frame (map or map update) of a recording, and return the results of all frames.
 
-    `topics`: options that name topics; `output`: new recording, None for none; `plan_topic`: topic of the paths in it.
+    `source`: the recording with the changes of the scene; `topics`: options that name topics; `output`: new recording
+    of the paths, None for none; `plan_topic`: topic of the paths in the new recording.
     """
     if source.file == "-":
         raise InputError("a recording cannot be read from standard input; give a file or folder")
@@ -139,7 +140,7 @@ def _report_ignored(report: StreamReport) -> dict[str, list[str]]:
 def _lines(report: StreamReport) -> list[str]:
     """Return the summary of a report as lines of text: counts, reasons, solution methods, and times per frame.
 
-    Each outcome without a certified path has a line with its first reason.
+    Each outcome without a certified path (such as ``no_path``) has a line with the reason of its first frame.
     """
     lines = [f"{counted(report.frames, 'frame')}: {report.reached} with a certified path"]
     columns = (report.table[name] for name in ("frame", "outcome", "certified", "reason"))

@@ -1,4 +1,4 @@
-"""Standard streams of the process: replacements for closed descriptors and for an unbuffered standard output."""
+"""Standard streams: replacements for closed descriptors and an unbuffered output, and access to standard input."""
 
 from __future__ import annotations
 

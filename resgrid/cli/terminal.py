@@ -38,7 +38,7 @@ _CODES: tuple[tuple[type[BaseException], int], ...] = (
 )
 
 BAR_DELAY = 1.0
-"""Delay between the begin of a stage and the display of its progress bar, in seconds."""
+"""Delay between the beginning of a stage and the display of its progress bar, in seconds."""
 
 _WORKER = "resgrid computes"
 """Prefix of the names of the threads in which `compute` runs computations."""
@@ -49,7 +49,7 @@ class Verbosity:
     """Options of the output of results and messages, stored in the command's context.
 
     `json`: whether results are one JSON object instead of lines; `quiet`: whether messages and progress bars are
-    omitted; `verbose`: whether the time of every stage is printed.
+    omitted (errors are printed); `verbose`: whether the time of every stage and further details are printed.
     """
 
     json: bool = False
@@ -65,7 +65,7 @@ def verbosity() -> Verbosity:
 
 @contextmanager
 def quietly() -> Iterator[None]:
-    """Suppress messages and progress bars while the context is active."""
+    """Suppress messages and progress bars of the running subcommand while the context is active."""
     context = click.get_current_context()
     before, context.obj = context.obj, replace(verbosity(), quiet=True)
     try:
@@ -95,8 +95,8 @@ def finish(data: Mapping[str, Any], lines: Iterable[str] = (), *, written: objec
     """Print the result on standard output: `data` as one JSON object with the option ``--json``, otherwise `lines`.
 
     `written`: file that already contains the result, None without a file; "-" is standard output, after which this
-    function prints nothing.  With a file, ``-q`` suppresses the lines, unless `more` is True (they contain more than
-    the file).
+    function prints nothing.  With a file, ``-q`` suppresses the lines, unless `more` is True (the lines contain more
+    than the file).
     """
     if written == "-":
         return
@@ -120,9 +120,9 @@ def require_one_output(output: str | None) -> None:
 class Stage:
     """Progress of a stage (step) of a subcommand, from counted steps, an iteration's residual, or the estimated time.
 
-    `seconds`: estimated time of the whole stage, None if unknown; estimates shorter than `BAR_DELAY` are ignored,
-    because a long duration then has other causes, such as the compilation of kernels; `steps`: number of equal steps,
-    None if unknown.
+    `seconds`: estimated time of the whole stage in seconds, None if unknown; estimates shorter than 1 s (`BAR_DELAY`)
+    are ignored, because a long duration then has other causes, such as the compilation of kernels; `steps`: number of
+    equal steps, None if unknown.
     """
 
     def __init__(self, seconds: float | None = None, steps: int | None = None) -> None:
@@ -156,7 +156,7 @@ class Stage:
         self._seconds = None if seconds_left is None else time.perf_counter() - self._begin + seconds_left
 
     def fraction(self) -> float | None:
-        """Return the finished fraction of the stage, from 0 to 0.99.
+        """Return the finished fraction of the stage, from 0 to 0.99 (a running stage is not finished).
 
         The result is None if neither the number of steps nor the estimated time is known.
         """
@@ -165,9 +165,10 @@ class Stage:
         return min((time.perf_counter() - self._begin) / self._seconds, 0.99) if self._seconds else None
 
     def status(self) -> str:
-        """Return a text with intermediate results and the remaining time.
+        """Return a text for the progress bar: intermediate results and the estimated remaining time.
 
-        If the remaining time is unknown, or the stage takes longer than estimated, the text has the elapsed time.
+        If the remaining time is unknown, or the stage takes longer than estimated, the text has the elapsed time
+        instead.
         """
         elapsed, fraction = time.perf_counter() - self._begin, self.fraction()
         if not fraction:
@@ -188,7 +189,8 @@ class Stage:
 def stage(name: str, *, seconds: float | None = None, steps: int | None = None) -> Iterator[Stage]:
     """Yield the `Stage` of a computation; on a terminal, show a progress bar if the computation takes longer than 1 s.
 
-    `name`: name of the stage; `seconds`: estimated time; `steps`: number of equal steps; None if unknown.
+    `name`: name of the stage; `seconds`: estimated time in seconds, None if unknown; `steps`: number of equal steps,
+    None if unknown.
     """
     running, begin = Stage(seconds, steps), time.perf_counter()
     bars: list[Progress] = []
@@ -238,8 +240,8 @@ def compute(
     """Call a function in a thread and return its value; an interrupt does not wait for the end of the call.
 
     `name`: name of the stage for the progress bar; `arguments`: arguments of the function; `seconds`: estimated time of
-    the call, None if unknown; `iterates`: whether the function takes a keyword ``progress``, a function that is called
-    in every iteration.
+    the call, None if unknown; `iterates`: whether the function takes a keyword ``progress``, a function of the number
+    of iterations, the relative residual and the remaining seconds (or None), which it calls in every iteration.
     """
     context = click.get_current_context(silent=True)
     outcome: list[tuple[Value | None, BaseException | None]] = []
@@ -263,9 +265,9 @@ def compute(
 
 
 def is_computing(patience: float = 0.0) -> bool:
-    """Return whether a computation in a thread still runs after a wait of at most `patience` seconds.
+    """Return whether a computation still runs after a wait of at most `patience` seconds for its end.
 
-    The threads are those of `compute` and of the live page.
+    Computations are those in the threads of `compute` and of the live page.
     """
     until = time.perf_counter() + patience
     while any(thread.name.startswith((_WORKER, "resgrid answers")) for thread in threading.enumerate()):
@@ -327,7 +329,7 @@ def failure_of(error: Exception) -> Failure:
 
 
 def _refused_message(error: OSError) -> str:
-    """Return the message for an operation that the system refused: writing a compiled kernel, or another file."""
+    """Return the message for an error of the operating system: a compiled kernel cannot be stored, or a file fails."""
     frames = traceback.walk_tb(error.__traceback__)
     if any(str(frame.f_globals.get("__name__")).startswith("numba.") for frame, _ in frames):
         remedy = "free space there, or set the variable NUMBA_CACHE_DIR to another folder"

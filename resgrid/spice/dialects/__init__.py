@@ -1,4 +1,6 @@
-"""Dialects: one record of data for each simulator, in a table.
+"""The table of all dialects by name, the file name suffixes of decks, and the lookup of a dialect by its name.
+
+A dialect is one record of data (`Dialect`) that describes how a simulator reads decks and requests analyses.
 
 In all dialects except Spectre's, the first letter of a name states the kind of an element.  The module of each dialect
 describes further rules and pitfalls.  Default sources: ngspice manual, chapter "Analyses and Output Control"; LTspice
@@ -23,7 +25,7 @@ OWN_SUFFIXES = {item.reading.suffix: item.name for item in DIALECTS.values() if 
 """Name of the dialect by file name suffix, for the suffixes that only one dialect uses (``.scs`` of Spectre)."""
 
 DECK_SUFFIXES = (".cir", ".sp", ".spice", ".ckt", ".net", ".cdl", *OWN_SUFFIXES)
-"""File name suffixes, in lower case, by which a file is taken for a deck."""
+"""File name suffixes, in lower case, of the files that are decks in any dialect."""
 
 
 def dialect_named(name: str) -> Dialect:

@@ -1,4 +1,6 @@
-"""The type `Dialect`: a simulator's rules for reading and writing decks, its statements, errors and costs.
+"""Types of the data of a dialect: reserved names, rules for reading and writing decks, statements, quirks and costs.
+
+The type `Dialect` joins the others.  The constants are the suffixes and functions that most dialects share.
 
 Dialects of SPICE disagree in these points when they read a deck (the module of each dialect lists more):
 
@@ -27,14 +29,20 @@ GROUND_NAME = "0"
 
 
 SUFFIXES = {"t": 12, "g": 9, "meg": 6, "k": 3, "m": -3, "u": -6, "µ": -6, "μ": -6, "n": -9, "p": -12, "f": -15}
-"""Exponent of ten of each suffix of a number, in lower case; all dialects except Spectre have these suffixes."""
+"""Exponent of ten of each suffix of a number, in lower case, as most dialects have them.
+
+HSPICE and Xyce have further suffixes; ngspice has no Greek ``μ``; Spectre's suffixes are others.
+"""
 
 _NAMES = (
     "sqrt exp ln log10 abs int floor ceil min max pow pwr sgn atan2 hypot "
     "sin cos tan asin acos atan sinh cosh tanh asinh acosh atanh"
 )
 FUNCTIONS = {name: name for name in _NAMES.split()}
-"""Functions that have the same name and meaning in every dialect; each name is mapped to itself."""
+"""Functions that have the same name and meaning in most dialects; each name is mapped to itself.
+
+A dialect that lacks a function, or reads it otherwise (such as HSPICE's ``pow``), has a changed copy of this table.
+"""
 
 ARCS = {"arctan": "atan", "arcsin": "asin", "arccos": "acos"}
 """Long names of the inverse trigonometric functions, mapped to their short names."""
@@ -124,38 +132,39 @@ class Words:
 class ReadingRules:
     """Rules for reading decks of one dialect.
 
-    `name`: name of the dialect; `signs`: byte strings in lower case that only decks of this dialect contain; `suffix`:
+    `name`: name of the dialect; `signs`: byte strings in lower case that occur only in decks of this dialect; `suffix`:
     file name suffix of the decks, empty if none is typical; `comments`: marks that begin a comment anywhere in a line;
     `dollar_comments`: whether ``$`` after a blank or a comma, or first in a line, begins a comment; `suffixes`: power
     of ten of each suffix of a number; `infix_suffixes`: whether ``4k7`` is 4700; `d_exponents`: whether ``1d3`` is
     1000; `milli_mil`: whether ``mil`` is milli in expressions and 25.4e-6 elsewhere; `grounds`: names of node 0, in
     lower case; `no_grounds`: names of ordinary nodes that are ground in other dialects; `powers`: operators that raise
     to a power; `functions`: names of functions in expressions, mapped to those of
-    `resgrid.spice.read.expressions.FUNCTIONS`; `model_factor`: whether the ``r`` of a resistor model is a factor;
-    `lengths_twice`: whether a model's ``narrow`` and ``short`` are subtracted at both ends; `annotations`: keys of an
-    element without effect on a simulation; `flags`: words without a value and without effect; `operators`: operators
-    that the simulator evaluates differently from resgrid, with the meaning in the simulator; `narrow_parser`: whether
-    signs after operators and nested conditionals are misread; `puts_in_text`: whether functions and the values of an
-    ``X`` line are substituted as text, so that their names are looked up where the text is inserted;
-    `replaces_multipliers`: whether ``m=`` of an ``X`` line replaces ``m=`` in the subcircuit and does not apply to
-    switches; `end_is_comment`: whether lines after ``.end`` are read; `first_counts`: whether the first of several
-    models of one name is used, and the first of several options on a line; `temp_command_first`: whether ``.temp``
-    overrides ``.option temp`` regardless of their order; `braced_temperatures`: whether a temperature must be a number
-    or an expression in braces; `sheet_first`: whether a model's ``rsh`` overrides ``r``, even without length and width;
-    `models_first`: whether a model's name is ignored after a value that does not begin with a digit;
-    `parameters_first`: whether a parameter replaces the name of a model or subcircuit; `outer_parameters_win`: whether
-    a parameter of a subcircuit has the value of the highest level that defines one of its name;
-    `ignored_model_keys`: parameters of resistor models that only other dialects apply, with the replacement to suggest
-    (empty: this dialect applies the parameter, but resgrid does not); `spaced_lists`: whether the values of ``tc=`` are
-    separated by blanks, without parentheses; `scale_key`: whether ``scale=`` of a resistor is applied;
-    `refused_options`: options that change the circuit in a way that resgrid does not model; `refused_elements`: meaning
-    of each first letter that means a different element than in SPICE; `series_resistance`: whether voltage sources may
-    have ``rser=``; `inductor_ohms`: series resistance of an inductor without ``rser=0``, in ohms; `inductor_keys,
-    capacitor_keys`: keys of series resistances and parasitics of an inductor and a capacitor; `off_ohms`: resistance of
-    an open switch without ``roff``, in ohms; `holds_initial`: whether ``.ic`` fixes voltages at the operating point;
-    `instances`: whether elements are instances of a master and names are case-sensitive, as in Spectre; `spice`: rules
-    after ``simulator lang=spice`` in such a deck, None for other dialects; `words`: reserved names and expression
-    syntax; `refusals`: text that stops the simulator.
+    `resgrid.spice.read.expressions.FUNCTIONS`; `model_factor`: whether the ``r`` of a resistor model is a factor of the
+    resistance instead of the resistance; `lengths_twice`: whether a model's ``narrow`` and ``short`` are subtracted at
+    both ends of the width and of the length (False: it is not known where; models with them are rejected);
+    `annotations`: keys of an element without effect on a simulation; `flags`: words without a value and without effect;
+    `operators`: operators that the simulator evaluates differently from resgrid, with the meaning in the simulator;
+    `narrow_parser`: whether signs after operators and nested conditionals are misread; `puts_in_text`: whether
+    functions and the values of an ``X`` line are substituted as text, so that their names are looked up where the text
+    is inserted; `replaces_multipliers`: whether ``m=`` of an ``X`` line replaces ``m=`` in the subcircuit and does not
+    apply to switches; `end_is_comment`: whether lines after ``.end`` are read; `first_counts`: whether the first of
+    several models of one name is used, and the first of several values of one option on a line, instead of the last
+    ones; `temp_command_first`: whether ``.temp`` overrides ``.option temp`` regardless of their order;
+    `braced_temperatures`: whether a temperature must be a number or an expression in braces; `sheet_first`: whether a
+    model's ``rsh`` overrides ``r``, even without length and width; `models_first`: whether a model's name is ignored
+    after a value that does not begin with a digit; `parameters_first`: whether a parameter replaces the name of a model
+    or subcircuit; `outer_parameters_win`: whether a parameter of a subcircuit has the value of the highest level that
+    defines one of its name; `ignored_model_keys`: parameters of resistor models that only other dialects apply, with
+    the replacement to suggest (empty: this dialect applies the parameter, but resgrid does not); `spaced_lists`:
+    whether the values of ``tc=`` are separated by blanks, without parentheses; `scale_key`: whether ``scale=`` of a
+    resistor multiplies its resistance; `refused_options`: options that change the circuit in a way that resgrid does
+    not model; `refused_elements`: meaning of each first letter that means a different element than in SPICE;
+    `series_resistance`: whether voltage sources may have ``rser=``; `inductor_ohms`: series resistance of an inductor
+    without ``rser=0``, in ohms; `inductor_keys, capacitor_keys`: keys of series resistances and parasitics of an
+    inductor and a capacitor; `off_ohms`: resistance of an open switch without ``roff``, in ohms; `holds_initial`:
+    whether ``.ic`` fixes voltages at the operating point; `instances`: whether elements are instances of a master and
+    names are case-sensitive, as in Spectre; `spice`: rules after ``simulator lang=spice`` in such a deck, None for
+    other dialects; `words`: reserved names and expression syntax; `refusals`: text that stops the simulator.
     """
 
     name: str
@@ -208,8 +217,9 @@ class ReadingRules:
 class Statements:
     """Statements of a simulator that request analyses; templates for `str.format`, one line each.
 
-    The fields are those of `resgrid.spice.analyses`, and ``deck``, ``results`` (name of the result file), ``source`` (a
-    voltage source of the deck, for analyses that need one) and ``volts`` (voltage of ``source``).
+    The fields of a template are the attributes of the analysis (a class of `resgrid.spice.analyses`), such as ``stop``
+    in seconds, and ``deck`` (file name of the deck), ``results`` (name of the result file), ``source`` (a voltage
+    source of the deck, for analyses that need one) and ``volts`` (voltage of ``source``).
 
     `first, last`: first and last lines of the file; `deck_first`: whether the deck is included before the statements;
     `charged`: a transient that begins with the given voltages of capacitors, without an operating point, with the
@@ -217,10 +227,12 @@ class Statements:
     (coulombs); `operating, transient, noise, temperature, mismatch`: the analyses, where ``temperatures`` and
     ``numbers`` (of the runs) are lists separated by blanks; `run`: lines that start the other analyses if one analysis
     is a control block; `one_a_run`: whether a file may hold one analysis only; `print_all`: statement that prints all
-    voltages, with the analysis as ``kind``; empty if they are saved by default; `probe`: statement that saves the
-    quantities in the field ``what``; `probe_voltage, probe_current`: a voltage and a current in the statement `probe`;
-    `maximum, minimum, value, crossing`: the statement of a `Measure` with this ``what``; `measure_first, measure_last`:
-    lines around the measurements.
+    voltages, with the word for the analysis (such as ``tran``) as ``kind``; empty if the simulator saves all voltages
+    by default; `probe`: statement that saves the quantities in the field ``what``; `probe_voltage, probe_current`: the
+    voltage of the node ``name`` and the current of the source ``name`` in the statement `probe`; `maximum, minimum,
+    value, crossing`: statements that measure, in a transient, the largest and smallest voltage of ``node``, its voltage
+    at the time ``at``, and the time at which it first crosses the voltage ``at``; `measure_first, measure_last`: lines
+    around the measurements.
     """
 
     first: tuple[str, ...]
@@ -255,12 +267,13 @@ class Quirks:
 
     `basis`: whether the behaviour was measured or taken from the manual; `smallest_resistance`: value in ohms to which
     smaller resistances are raised, 0 ohm included; None if it is not known; `raises_zero_only`: whether only 0 ohm is
-    raised; `floating`: nodes that receive a conductance `gmin` to ground if any node floats: all nodes ("everywhere"),
-    the floating nodes ("there"), or "unknown"; `gmin`: its default value, in siemens; `gmin_options`: options that set
-    `gmin`, by decreasing precedence; `shunt_options`: unit ("ohms" or "siemens") of each option that adds a resistor
-    from every node to ground; `duplicates`: effect of a second element of one name: end of the run ("fails") or
-    "unknown"; `loops`: whether all loops of voltage sources end the run ("fail"), or only loops tied to ground ("fail
-    at ground"); other loops, and loops of inductors, are solved by a transient.
+    raised to this value, and smaller positive resistances are kept; `floating`: nodes that receive a conductance `gmin`
+    to ground if any node floats: all nodes ("everywhere"), the floating nodes ("there"), or "unknown"; `gmin`: default
+    value of this conductance, in siemens; `gmin_options`: options that set `gmin`, by decreasing precedence;
+    `shunt_options`: unit ("ohms" or "siemens") of each option that adds a resistor from every node to ground;
+    `duplicates`: effect of a second element of one name: end of the run ("fails") or "unknown"; `loops`: whether all
+    loops of voltage sources end the run ("fail"), or only loops tied to ground ("fail at ground"); other loops, and
+    loops of inductors, are solved by a transient.
     """
 
     basis: Basis = "documented"
@@ -299,28 +312,30 @@ class Dialect:
     """One simulator: templates of its statements, its reading rules, its quirks and its engines.
 
     Templates are for `str.format`.  Their fields are ``name``, ``a`` and ``b`` (nodes), ``value``, and those named
-    below.
+    below.  The voltage of an element counts from ``a`` to ``b``; its current flows from ``a`` through it to ``b``.
 
     `name`: name in options and arguments; `label`: name in messages; `reserved`: legal words with a special meaning as
     a node name; `comment`: beginning of a full-line comment; `preamble`: lines after the title of every deck;
     `resistor, voltage_source, current_source, capacitor`: line of an element, values in SI units; `nonlinear_resistor`:
-    line of an element with ``I = current * tanh(V / voltage)``; `behavioural_current`: line of a current source whose
-    ``value`` is an expression; `spread_resistor`: line of a resistor with a normally distributed value, drawn by the
-    simulator, of standard deviation ``sigma * value``; `spread_preamble`: lines that `spread_resistor` needs, for
-    ``sigma``; `temperature_coefficients`: end of a resistor's line, for ``tc1`` in 1/K and ``tc2`` in 1/K^2;
-    `piecewise`: end of a source's line for a piecewise linear waveform with ``points``, pairs of time and value;
-    `small_signal`: end of the line of a source of 1 V in a small-signal analysis; `initial_voltage`: end of a
-    capacitor's line for its voltage at time 0, in a transient that begins with these voltages; `expression`: an
-    expression ``value`` in place of a number; `parameter`: definition of the parameter ``name``; `subcircuit`: first
-    line of a subcircuit (``name``, ``nodes``, ``defaults``); `parameters`: definition of a subcircuit's parameters, in
-    a line of their own if `parameters_in_body`, else in the first line; `instance`: an instance (``name``, ``nodes``,
-    ``master``, ``values``); `instance_parameters`: word before the values of an instance; `end_subcircuit`: last line
-    of a subcircuit; `include`: statement that includes ``file``; `precise`: options with which Newton's method
-    converges to 1e-9 in circuits with nonlinear resistors; `end`: last line of a deck, may be empty; `statements`:
-    statements of the second file, which includes the deck and requests analyses; `quirks`: behaviour for defective
-    circuits; `nominal_temperature`: default temperature of element values, in degrees Celsius; `engines`: programs that
-    can run the decks, with their costs; `checks_itself`: whether a self-check deck is written; `reading`: rules for
-    reading decks of the dialect.
+    line of an element with ``I = current * tanh(V / voltage)`` (fields ``current``, ``voltage``);
+    `behavioural_current`: line of a current source whose ``value`` is an expression; `spread_resistor`: line of a
+    resistor with a normally distributed value, drawn by the simulator, of standard deviation ``sigma * value``;
+    `spread_preamble`: lines that `spread_resistor` needs, with ``sigma`` and texts for temperature coefficients
+    (``defaults``, ``passed``), which may be empty; `temperature_coefficients`: end of a resistor's line, for ``tc1`` in
+    1/K and ``tc2`` in 1/K^2; `piecewise`: end of a source's line for a piecewise linear waveform with ``points``, pairs
+    of time and value; `small_signal`: end of a voltage source's line that gives it an amplitude of 1 V in a
+    small-signal analysis; `initial_voltage`: end of a capacitor's line for its voltage at time 0, in a transient that
+    begins with such voltages; `expression`: an expression ``value`` in place of a number; `parameter`: definition of
+    the global parameter ``name``; `subcircuit`: first line of a subcircuit (``name``, ``nodes``, ``defaults``);
+    `parameters`: definition of a subcircuit's parameters, in a line of their own if `parameters_in_body`, else in the
+    first line; `instance`: an instance (``name``, ``nodes``, ``master``, ``values``); `instance_parameters`: word
+    before the values of an instance; `end_subcircuit`: last line of a subcircuit; `include`: statement that includes
+    ``file``; `precise`: options with which Newton's method converges to 1e-9 in circuits with nonlinear resistors;
+    `end`: last line of a deck, may be empty; `statements`: statements of the second file, which includes the deck and
+    requests analyses; `quirks`: behaviour for defective circuits; `nominal_temperature`: default temperature of element
+    values, in degrees Celsius; `engines`: programs that can run the decks, with their costs; `checks_itself`: whether a
+    self-check deck is written, with which the simulator itself compares its results with expected ones; `reading`:
+    rules for reading decks of the dialect.
     """
 
     name: str

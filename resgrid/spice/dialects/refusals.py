@@ -1,4 +1,4 @@
-"""Text of decks that resgrid reads, but that stops the simulator of a dialect."""
+"""The type `Refusals` (text that resgrid reads but that stops a dialect's simulator), and LTspice's own commands."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ class Refusals:
     commands : frozenset of str
         Commands (first words of a line) that end the run.
     foreign_commands : frozenset of str
-        Commands that are not in the simulator's manual.
+        Commands of other simulators that are not in this simulator's manual, so that they may stop it.
     blank_names : {"", "fails", "unsure"}
         Consequence of a blank in a quoted name.
     letters : {"", "unsure"}
-        Consequence of non-ASCII letters.
+        Consequence of non-ASCII letters in the deck.
     encodings : frozenset of str
         Encodings of files that end the run: ``"latin-1"``, ``"utf-16"``, ``"cr"`` (carriage returns between lines),
         ``"bom"`` (a byte order mark of UTF-8 in an included file).

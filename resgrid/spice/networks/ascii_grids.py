@@ -1,4 +1,4 @@
-"""Reader of ESRI ASCII grids, and the type of all rasters."""
+"""Reader of ESRI ASCII grids, and the type `Raster`, which rasters of all file formats have."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from resgrid.errors import InputError
 from resgrid.spice.read.files import deck_bytes, decode, normalise
 
 NODATA = -9999.0
-"""Value of empty cells of a raster, as in Circuitscape; a second one may be stated in the header of the file."""
+"""Value of empty cells of a raster, as in Circuitscape; the header of the file may state a further value."""
 
 _ORIGIN = ("xllcorner", "yllcorner", "xllcenter", "yllcenter")
 _KEYS = frozenset(("ncols", "nrows", *_ORIGIN, "cellsize", "dx", "dy", "nodata_value", "nodata"))

@@ -1,4 +1,4 @@
-"""Circuitscape configurations in advanced mode: networks, and rasters of resistances.
+"""Reader of Circuitscape configurations in advanced mode, of networks and of rasters of resistances.
 
 McRae, Shah & Edelman (2016), *Circuitscape: modeling landscape connectivity to promote conservation and human health*,
 the user guide of Circuitscape 5, and the source of Circuitscape.jl.  The resistor between neighbouring cells has the
@@ -41,7 +41,7 @@ _POLICIES = {
     "rmvgnd": (False, True),
     "rmvall": (True, True),
 }
-"""Whether the source, and whether the ground, is removed at a node with both, by the value of ``remove_src_or_gnd``.
+"""Pair (source is removed, ground is removed) for a node with both, by the value of ``remove_src_or_gnd``.
 
 Circuitscape 3.5 wrote ``not entered`` for the default, which removes neither.
 """

@@ -69,8 +69,8 @@ class OutputFiles:
     `job`: the configuration; `place`: path with which the final names of the files begin; `folder`: temporary folder of
     the files; `habitat`: raster whose format and georeference the maps get, None for a network; `conducting` (rows,
     columns): whether a cell conducts, None for a network; `written`: final names of the files written so far; `sums`
-    (2, rows, columns) or (2, nodes): sum and maximum over the solutions so far of the current of every cell or node, in
-    amperes; None if the configuration requests no maps.
+    (2, rows, columns) or (2, nodes): sum and maximum, over the solutions so far, of the current of every cell or node
+    (the larger of its inflow and outflow), in amperes; None if the configuration requests no maps.
     """
 
     job: Configuration
@@ -99,8 +99,8 @@ class OutputFiles:
     def write_resistances(self, points: NDArray[Any], resistance: NDArray[np.float64]) -> None:
         """Write the file of resistances, and for a matrix a second file with one pair of focal points per line.
 
-        `points` (k,): numbers of the focal points; `resistance` (k, k): of pairs of points, or (k,): of points, in
-        ohms, -1 for a missing value.
+        `points` (k,): numbers of the focal points; `resistance` (k, k): of pairs of points, or (k,): one value per
+        point, in ohms, -1 for a missing value.
         """
         ids = points.astype(np.float64)
         if resistance.ndim == 1:
@@ -113,7 +113,7 @@ class OutputFiles:
         self._file("resistances_3columns.out", table_text(columns, " "))
 
     def _add(self, current: NDArray[np.float64]) -> None:
-        """Add the currents of one solution to `sums`, if current maps are requested.
+        """Update the sum and the maximum in `sums` with the currents of one solution, if maps are requested.
 
         `current` (rows, columns) or (nodes,): in amperes.
         """
@@ -150,6 +150,8 @@ class OutputFiles:
 
         `end`: end of the file name; `cells` (rows, columns): values, in A or V; `of_current`: whether the values are
         currents or voltages.  With ``log_transform_maps`` currents become log10, and a current of 0 becomes NODATA.
+        With ``set_null_currents_to_nodata`` or ``set_null_voltages_to_nodata``, cells that do not conduct become
+        NODATA.
         """
         assert self.habitat is not None and self.conducting is not None
         if of_current and self.job.flag("log_transform_maps"):
@@ -198,7 +200,10 @@ def _branches(netlist: Netlist, ids: NDArray[np.float64], current: NDArray[np.fl
 
 
 def number_text(value: float) -> str:
-    """Return a number as Julia prints it: the shortest digits, with an exponent below 1e-4 and from 1e6 on."""
+    """Return a number as Julia prints it: its shortest digits, with an exponent for large and small magnitudes.
+
+    The exponent is written for magnitudes of at least 1e6, and for those below 1e-4 except 0.
+    """
     text = repr(float(value))
     if not np.isfinite(value) or value == 0.0 or 1e-4 <= abs(value) < 1e6:
         return text

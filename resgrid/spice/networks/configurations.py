@@ -53,7 +53,7 @@ _DEFAULTS = {
     "log_transform_maps": "False",
     "write_as_tif": "False",
 }
-"""Keys that change the circuit or the output files, with their defaults in Circuitscape 5."""
+"""Default texts, in Circuitscape 5, of the keys that change the circuit or the output files, by key."""
 
 _WITHOUT_EFFECT = frozenset(
     {
@@ -63,10 +63,10 @@ _WITHOUT_EFFECT = frozenset(
         "profiler_log_file",
     }
 )  # fmt: skip
-"""Keys of Circuitscape 3.5 to 5 that choose solvers and messages, and are ignored here."""
+"""Keys of Circuitscape 3.5 to 5 that are ignored here; most of them choose solvers and messages."""
 
 CONNECTIVITY = ("pairwise", "one-to-all", "all-to-one")
-"""Scenarios with several circuits, which connect focal points."""
+"""Scenarios of jobs that solve several circuits, each with sources and grounds at focal points."""
 
 _FLAGS = dict.fromkeys(("True", "true", "1"), True) | dict.fromkeys(("False", "false", "0"), False)
 _PLACEHOLDERS = ("", "None", "none")
@@ -107,9 +107,10 @@ class Configuration:
         return "resistance" if self.flag(key) else "conductance"
 
     def file(self, key: str) -> Path:
-        """Return the path of the file that a key names; raise InputError if `root` contains no such file.
+        """Return the path of the file that a key names; raise InputError if the folder `root` contains no such file.
 
-        If the named file is missing, a file with the same name in the configuration's folder is used.
+        If the named file is missing, a file with the same name in the configuration's folder is used.  A configuration
+        without the key raises InputError, too.
         """
         name = self.text(key)
         if name in _PLACEHOLDERS or name == _DEFAULTS[key]:
@@ -145,7 +146,9 @@ def is_connectivity_job(path: str | os.PathLike[str]) -> bool:
 
 
 def read_configuration(path: str | os.PathLike[str], root: str | os.PathLike[str] | None = None) -> Configuration:
-    """Return the keys and values of a configuration file; raise InputError for unknown keys and other lines.
+    """Return the keys and values of a configuration file; raise InputError for unknown keys and lines without ``=``.
+
+    Empty lines and lines that begin with ``[``, ``#`` or ``;`` are skipped.
 
     `root`: folder that must contain the files named in the configuration, by default the folder of `path`.
     """

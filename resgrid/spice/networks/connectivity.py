@@ -46,7 +46,7 @@ from resgrid.spice.networks.raster_networks import conductance_and_polygons
 from resgrid.spice.networks.rasters import read_raster
 
 _REFUSED = ("use_reclass_table", "compress_grids", "set_focal_node_currents_to_zero", "write_as_tif")
-"""Keys of a configuration that raise InputError if they are true."""
+"""Keys of a configuration for options that are not supported: a job in which one is true raises InputError."""
 
 
 @frozen
@@ -119,7 +119,7 @@ def run_circuitscape(
     root : path-like, optional
         Folder that must contain all files named in the configuration, by default the folder of `path`.
     executor : concurrent.futures.Executor, optional
-        Workers that share the solutions.
+        Workers that share the solutions; by default, this process computes all of them.
     progress : callable, optional
         Called as ``progress(done, total)`` after every solution.
 
@@ -229,7 +229,7 @@ def _finished(
 ) -> ConnectivityResult:
     """Write the files of resistances and of summed currents of a job, and return its result.
 
-    `points` (k,): numbers of the focal points; `resistance` (k, k) or (k,): in ohms; `files`: writer of the files.
+    `points` (k,): numbers of the focal points; `resistance` (k, k) or (k,): in ohms, -1 if missing; `files`: writer.
     """
     files.write_resistances(points, resistance)
     files.write_sums()

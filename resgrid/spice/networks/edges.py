@@ -50,8 +50,8 @@ class Network:
     """Resistors between nodes, currents into nodes, and resistors from nodes to ground.
 
     `names` (nodes,): names of nodes, ground first; `edges` (n, 2): nodes of the resistors; `conductance` (n,): in S;
-    `amps` (nodes,): injected currents, in A; `to_ground` (nodes,): conductance to ground in S, infinite for nodes at 0
-    V.
+    `amps` (nodes,): currents injected into the nodes, in A; `to_ground` (nodes,): conductance to ground in S, infinite
+    for nodes at 0 V.
     """
 
     names: list[str]
@@ -77,7 +77,7 @@ class Network:
 
 
 def _with_ground(nodes: NDArray[np.int64]) -> NDArray[np.int32]:
-    """Return the pairs (node, ground) of node numbers, shape (n, 2); `nodes` (n,): node numbers."""
+    """Return the pairs (node, 0) of a node and ground, shape (n, 2); `nodes` (n,): node numbers."""
     return np.stack([nodes, np.zeros_like(nodes)], axis=1).astype(np.int32)
 
 
@@ -85,9 +85,9 @@ def _with_ground(nodes: NDArray[np.int64]) -> NDArray[np.int32]:
 class EdgeTable:
     """Content of a file whose lines consist of one or two node names and a number.
 
-    `source`: name of the file for messages; `names`: node names of each row; `values` (rows,): number of each row;
-    `lines`: line number of each row, counted from 1; `measure`: "resistance" or "conductance" if the heading states it,
-    else None.
+    `source`: name of the file for messages; `names`: node names of each row; `values` (rows,): number of each row, in
+    ohms, S or A; `lines`: line number of each row, counted from 1; `measure`: "resistance" or "conductance" if the
+    heading states it, else None.
     """
 
     source: str
@@ -104,9 +104,9 @@ class EdgeTable:
         """Return the values as conductances in S, shape (rows,); infinite for 0 ohm.
 
         `measure`: quantity of the values, "resistance" or "conductance", None for that of the heading, or resistance
-        without a heading.  `shorts`: whether 0 is allowed for both quantities; `absent`: whether 0 S is allowed, but
-        not 0 ohm.  Raises InputError for a negative value, a zero that is not allowed, a resistance with an overflowing
-        reciprocal, and a heading that contradicts `measure`.
+        without a heading.  `shorts`: True allows 0 ohm and 0 S, whatever `absent` is; `absent`: True allows 0 S; if
+        both are False, no value may be 0.  Raises InputError for a negative value, a zero that is not allowed, a
+        resistance with an overflowing reciprocal, and a heading that contradicts `measure`.
         """
         if measure not in (None, *MEASURES):
             raise InputError(f"measure = {measure!r} is unknown; it may be one of {', '.join(MEASURES)}")
@@ -149,11 +149,11 @@ def read_edges(
 ) -> Network:
     """Return the network of an edge list, with optional lists of injected currents and of resistors to ground.
 
-    Every line of `edges` is one resistor, so that repeated edges are in parallel.  `sources`: file of injected
-    currents, in A; `grounds`: file of resistors to ground; `measure, ground_measure`: "resistance" or "conductance",
-    the quantity of the values in `edges` and in `grounds`, None for that of the heading (without a heading,
-    resistance); `last_counts`: whether the last value of a node in `sources` and in `grounds` is used instead of the
-    sum; `absent_edges`: whether edges of 0 S are omitted instead of rejected.
+    Every line of `edges` is one resistor, so that repeated edges are in parallel.  `sources`: file of currents that are
+    injected into nodes, in A; `grounds`: file of resistors to ground; `measure, ground_measure`: "resistance" or
+    "conductance", the quantity of the values in `edges` and in `grounds`, None for that of the heading (without a
+    heading, resistance); `last_counts`: whether the last value of a node in `sources` and in `grounds` is used instead
+    of the sum; `absent_edges`: whether edges of 0 S are omitted instead of rejected.
     """
     table = _read_table(edges, 2, "edge")
     number: dict[str, int] = {_GROUND: 0}
@@ -206,7 +206,8 @@ def _is_writable(name: str) -> bool:
 def is_edge_list(path: str | os.PathLike[str]) -> bool:
     """Return whether a file begins like an edge list: a line with two nodes and a number, possibly below a heading.
 
-    `path`: the file, of which the first 4096 bytes are read; the result for an unreadable file is False.
+    `path`: the file, of which the first 4096 bytes are read; the result for an unreadable file is False.  Raises
+    InputError for a file with a zero byte.
     """
     try:
         with Path(path).open("rb") as file:
@@ -276,7 +277,8 @@ def _measure_of(heading: str | None) -> str | None:
 def _node_name(word: str) -> str:
     """Return the node name that a word of an edge list means.
 
-    An integer in the form of a decimal, such as ``1.000e+00``, means ``1``; every other word is the name itself.
+    An integer of at most 20 digits in the form of a decimal, such as ``1.000e+00``, means the name ``1``; every other
+    word is the name itself.
     """
     if not _DECIMAL.fullmatch(word):
         return word
@@ -293,7 +295,7 @@ def _words(line: str) -> list[str]:
 
 
 def _numbers(table: EdgeTable, number: dict[str, int]) -> list[int]:
-    """Return the node number of the first name in every row, n integers; raise InputError for a node without an edge.
+    """Return the node number of the first name in every row, one integer each; raise InputError without such a node.
 
     `table`: rows of node names with a number; `number`: node number of every node with an edge, by its name.
     """

@@ -1,4 +1,8 @@
-"""Focal points of a Circuitscape job: places, pairs to include or exclude, and strengths of sources."""
+"""Readers of the focal points of a Circuitscape job: their cells, the pairs to measure, and their source strengths.
+
+Resistances are measured between focal points: cells, regions of cells, or nodes of a network.  The module also reads
+text files that consist of numbers.
+"""
 
 from __future__ import annotations
 
@@ -16,15 +20,16 @@ from resgrid.spice.networks.rasters import read_cells
 from resgrid.spice.read.files import read_text
 
 _MOST = 2.0**53
-"""Largest whole number up to which double precision represents every whole number; larger numbers are rejected."""
+"""Largest accepted magnitude of a whole number; double precision represents every whole number up to this one."""
 
 
 @dataclass(frozen=True, eq=False)
 class FocalPoints:
     """Focal points of a Circuitscape raster job, each of one cell or of several cells (a region).
 
-    `ids` (k,): different numbers of the points, increasing; `cells`: for every point its flat cell indices (row times
-    number of columns plus column), sorted by column and then by row.
+    Resistances are measured between focal points.  `ids` (k,): different numbers of the points, increasing; `cells`:
+    for every point its flat cell indices (row, from 0 at the top, times number of columns plus column).  Cells from a
+    raster are sorted by column and then by row, those from a list of places have the order of the list.
     """
 
     ids: NDArray[np.int64]
@@ -42,10 +47,10 @@ class FocalPoints:
 
 
 def numbers_of(path: Path, columns: int | None, *, skip: int = 0) -> NDArray[np.float64]:
-    """Return the numbers of a text file, (rows, columns); raise InputError, which names the line, for other words.
+    """Return the numbers of a text file, (lines, columns); raise InputError, which names the line, for other words.
 
-    `path`: the file; `columns`: number of numbers per line, None for that of the first line; `skip`: number of lines at
-    the beginning of the file that are not read.
+    `path`: the file; `columns`: number of numbers per line, None for that of the first line with numbers; `skip`:
+    number of lines at the beginning of the file that are not read.
     """
     rows: list[list[float]] = []
     for number, line in enumerate(read_text(path).split("\n")[skip:], skip + 1):
@@ -66,7 +71,8 @@ def numbers_of(path: Path, columns: int | None, *, skip: int = 0) -> NDArray[np.
 def whole_numbers(path: Path, values: NDArray[np.float64], kind: str = "focal point") -> NDArray[np.int64]:
     """Return the values of a file as integers; raise InputError unless they are whole, with magnitudes up to 2**53.
 
-    `path`: the file; `values`: its numbers; `kind`: noun for the numbered objects in the message.
+    `path`: the file, for the message; `values`: its numbers, of any shape; `kind`: noun for the numbered objects in the
+    message.
     """
     wrong = (values != np.rint(values)) | (np.abs(values) > _MOST)
     if wrong.any():
@@ -78,7 +84,7 @@ def read_points(path: Path, habitat: Raster) -> FocalPoints:
     """Return the focal points of a raster, or of a text file with lines ``number x y`` (map coordinates of `habitat`).
 
     An empty cell, and a cell or line with the number 0 or less, is no focal point.  Cells or lines of one number form a
-    region.  `habitat`: raster of the job.  Raises InputError for a point outside the habitat.
+    region.  `path`: the file; `habitat`: raster of the job.  Raises InputError for a place outside the habitat.
     """
     rows, columns = habitat.cells.shape
     if _is_raster(path):
@@ -110,8 +116,10 @@ def _is_raster(path: Path) -> bool:
 def allowed_pairs(job: Configuration, ids: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
     """Return the numbers (k,) of the focal points that take part, and the mask (k, k) of the pairs that are measured.
 
-    All points take part unless the configuration names a file of pairs. Then points that are not in the file do not
-    take part, even if the file lists the pairs to exclude. `ids` (n,): numbers of all points.
+    All points and pairs take part unless the configuration `job` names a file that includes or excludes pairs. Then
+    points that are not in the file do not take part, even if the file lists the pairs to exclude. The numbers ascend;
+    the mask is symmetric, with False on the diagonal. `ids` (n,): numbers of all points, ascending. Raises InputError
+    for an invalid file, and if fewer than two points remain.
     """
     if not job.flag("use_included_pairs"):
         return ids, ~np.eye(len(ids), dtype=np.bool_)
@@ -153,7 +161,7 @@ def allowed_pairs(job: Configuration, ids: NDArray[np.int64]) -> tuple[NDArray[n
 
 
 def _check_heading(path: Path, rows: NDArray[np.int64], columns: NDArray[np.float64]) -> None:
-    """Raise InputError unless a table of pairs has different numbers, and the same ones in its rows and columns.
+    """Raise InputError unless the rows of a table of pairs have different numbers, and its columns the same, in order.
 
     `path`: the file; `rows, columns` (k,): numbers of the points at the beginning of the rows and of the columns.
     """

@@ -29,7 +29,7 @@ def _rasterio() -> Any:
 
 
 def read_geotiff(path: Path) -> Raster:
-    """Return the first band of a GeoTIFF; raise InputError for another file or for cells that are not square."""
+    """Return the first band of a GeoTIFF; raise InputError for other files and cells that are not square."""
     rasterio = _rasterio()
     try:
         with rasterio.open(path) as source:

@@ -63,7 +63,10 @@ def netlist_arrays(netlist: Netlist) -> dict[str, Any]:
 
 
 def read_graph(path: str | os.PathLike[str]) -> Netlist:
-    """Return the netlist of a GraphML, node-link JSON or NPZ file, according to the suffix of `path`."""
+    """Return the netlist of a GraphML, node-link JSON or NPZ file; the suffix of `path` selects the format.
+
+    Raises InputError if the file cannot be read or holds no netlist.
+    """
     file = Path(path)
     readers = {".graphml": _read_graphml, ".json": _read_json, ".npz": _read_arrays}
     try:

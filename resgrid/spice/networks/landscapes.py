@@ -1,4 +1,4 @@
-"""Raster jobs of Circuitscape: cells, focal points, and the circuits in which regions are single nodes."""
+"""The type `Landscape`: cells and focal points of a Circuitscape raster job, from which its circuits are made."""
 
 from __future__ import annotations
 
@@ -48,7 +48,8 @@ class Landscape:
     def _joined(self, regions: list[NDArray[np.int64]]) -> tuple[Netlist, NDArray[np.int64]]:
         """Return the circuit of the cells, and the node of every cell, (rows, columns), -1 for none.
 
-        Short-circuit regions and `regions` are single nodes. `regions`: flat cell indices of each.
+        Short-circuit regions and `regions` are single nodes; regions that overlap are one node together. `regions`:
+        flat cell indices (row times number of columns plus column) of each region.
         """
         labels = self.polygon.ravel().copy()
         for cells in regions:

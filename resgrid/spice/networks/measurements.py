@@ -1,4 +1,4 @@
-"""Single solutions of Circuitscape jobs: currents from sources to grounds through a network."""
+"""Single circuits of Circuitscape jobs and their solutions: currents from sources to grounds through a network."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from resgrid.core.netlist import GROUND, Netlist
 from resgrid.core.regions import label_components
 
 UNCONNECTED = -1.0
-"""Value in Circuitscape's files in place of the resistance of a pair that is not connected or was left out."""
+"""Value in Circuitscape's files in place of a resistance, in ohms, for pairs that are not connected or are left out."""
 
 
 class Measurement(NamedTuple):
@@ -34,9 +34,10 @@ class Measurement(NamedTuple):
 class Flow(NamedTuple):
     """Solution of one circuit of a Circuitscape job.
 
-    `resistance`: voltage of the first source divided by its current, in ohms, 0 for a source at 0 V; `voltage`
-    (nodes,): in V; `node_current` (nodes,): the larger of the currents into and out of the node, in A; both are 0 in
-    components without a source; `resistor_current` (resistors,): in A, from first to second node.
+    `resistance`: voltage divided by current, in ohms, of the first source that is connected to a ground, 0 for a source
+    at 0 V; `voltage` (nodes,): in V; `node_current` (nodes,): the larger of the currents into and out of the node, in
+    A; voltage and node current are 0 in components without a source; `resistor_current` (resistors,): in A, from first
+    to second node.
     """
 
     resistance: float
@@ -82,7 +83,7 @@ def solve_measurement(measured: Measurement) -> Flow | None:
 def _from_one_source(netlist: Netlist, source: int, amps: float, grounds: list[int]) -> Flow:
     """Return the solution of a circuit with one source and some nodes at 0 V.
 
-    `netlist`: circuit without sources; `source`: node of the source; `amps`: current of the source, in A; `grounds`:
+    `netlist`: circuit without sources; `source`: node of the source; `amps`: current into this node, in A; `grounds`:
     nodes at 0 V.
     """
     group = np.arange(netlist.node_count)

@@ -42,7 +42,7 @@ def read_cells(path: Path, habitat: Raster) -> NDArray[np.float64]:
 
 
 def _is_elsewhere(raster: Raster, habitat: Raster) -> bool:
-    """Return whether two rasters of equal shape differ in place by more than 1e-3 of the width of a cell."""
+    """Return whether two rasters of equal shape differ in place by more than 1e-3 of the habitat's cell width."""
     most = 1e-3 * habitat.size
     apart = max(abs(one - other) for one, other in zip(raster.corner, habitat.corner, strict=True))
     return apart > most or max(raster.cells.shape) * abs(raster.size - habitat.size) > most

@@ -1,4 +1,4 @@
-"""Simulator runs: the table of engines that the option ``--engine`` selects from."""
+"""The table of engines (programs that simulate decks) from which the option ``--engine`` selects, and its lookup."""
 
 from __future__ import annotations
 

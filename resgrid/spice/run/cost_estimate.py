@@ -22,18 +22,19 @@ from resgrid.spice.circuit import CONDUCTING, Circuit
 from resgrid.spice.dialects import DIALECTS
 
 _FIRST_WITH_KLU = 42
-"""First major version of ngspice with the matrix package KLU, from which on the costs are those of ``ngspice-klu``."""
+"""First major version of ngspice with the matrix package KLU; it and later ones have the costs ``ngspice-klu``."""
 _RANDOM_WIDTH = 0.117
 """Coefficient ``a`` of the upper limit ``a * k * n**(2/3)`` of the core's width in the cost model.
 
-``k`` is the mean number of neighbours and ``n`` the number of core nodes with more than two neighbours.  The limit is
-for random networks.  They have few breadth-first levels, so that the nodes per level would overestimate the cost of
-elimination.
+The core is the network without nodes of known voltage and dangling trees, its width the core nodes per breadth-first
+level.  ``k`` is the mean number of neighbours and ``n`` the number of core nodes with more than two neighbours.  The
+limit is for random networks.  They have few breadth-first levels, so that the nodes per level would overestimate the
+cost of elimination.
 """
 
 
 COSTS = {engine: costs for dialect in DIALECTS.values() for engine, costs in dialect.engines.items()}
-"""Coefficients of the cost model (`Costs`) of an engine, by the name "ngspice", "ngspice-klu" or "eecircuit"."""
+"""Cost model (`Costs`: coefficients for time and memory) by engine: "ngspice", "ngspice-klu" or "eecircuit"."""
 
 
 @dataclass(frozen=True)
@@ -93,8 +94,8 @@ def core_of(circuit: Circuit) -> tuple[int, float]:
     """Return the size and the width of the core of a network, (0, 0.0) for a network without a core.
 
     The core is the network without nodes of known voltage and without dangling trees.  Its size is the number of nodes
-    with more than two neighbours in the core.  Its width is the number of core nodes per breadth-first level, limited
-    for random networks.
+    with more than two neighbours in the core.  Its width is the number of core nodes per breadth-first level, at most
+    the width of a random network of this size (0.117 times the mean number of neighbours times size**(2/3)).
     """
     from scipy.sparse import coo_array
 
@@ -140,7 +141,7 @@ def _strip_leaves(graph: Any, degree: NDArray[np.int64]) -> None:
 def _sweep(graph: Any, start: int) -> tuple[int, int, int]:
     """Return the number of breadth-first levels from node `start`, the number of nodes reached, and a farthest node.
 
-    `graph`: sparse adjacency matrix of the network.
+    The node `start` counts as a level and as reached.  `graph`: sparse adjacency matrix of the network.
     """
     from scipy.sparse.csgraph import breadth_first_order
 

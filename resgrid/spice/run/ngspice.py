@@ -1,4 +1,7 @@
-"""Runs of ngspice on a deck; success is judged by its messages and raw file, never by its exit status."""
+"""Operating points by runs of ngspice on a deck, and functions for the runs of other engines and analyses.
+
+Success is judged by the messages and the raw file of the simulator, never by its exit status.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +38,7 @@ _PLOT = "Operating Point"
 _MAX_LOG = 2**20
 """Maximum number of bytes that are read from the beginning of a simulator's log; later messages are ignored."""
 _MAX_SECONDS = 2**31
-"""Largest value to which the processor time of a simulator run is limited, in seconds, also for a longer timeout."""
+"""Upper bound, in seconds, of the limit that is set on the processor time of a simulator run, whatever its timeout."""
 _MAX_COMPLAINTS = 10
 """Maximum number of different lines with a warning or error of the simulator that `SimulatorRun.complaints` holds."""
 MAX_ASCENT = 8
@@ -95,9 +98,9 @@ def simulate(
 
     `data`: content of the deck; `source`: name of the deck in messages; `timeout`: longest run, in seconds; `direct`:
     whether the deck contains an analysis statement (if not, ``.op`` is added); `files`: content of the included files
-    by path relative to the temporary folder; `place`: path of the deck in this folder.  A defective deck gives
+    by path relative to the folder of the run; `place`: path of the deck in this folder.  A defective deck gives
     complaints in the result, not an exception.  Raises ToolMissingError if ngspice is not installed, InputError for a
-    deck with commands, and BudgetError after the timeout.
+    deck that could run commands or, without `files`, include files, and BudgetError after the timeout.
     """
     program = find_program(EXECUTABLE_VARIABLE, "ngspice", INSTALL)
     refuse_commands(data, source, models=direct, includes=bool(files))

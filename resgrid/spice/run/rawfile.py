@@ -78,7 +78,11 @@ def _count(fields: Mapping[str, str], key: str, source: str) -> int:
 
 
 def raw_of(op: OperatingPoint) -> RawFile:
-    """Return the node voltages and source currents of an operating point as one plot, with ngspice's names."""
+    """Return the node voltages (V) and source currents (A) of an operating point as one plot, with ngspice's names.
+
+    A name is ``v(n_0_0)`` or ``i(v_obstacle)``.  A current flows into the plus terminal of the source.  Ground and
+    undetermined values are left out.
+    """
     netlist = op.netlist
     nodes = np.flatnonzero(np.isfinite(op.voltage))
     nodes = nodes[nodes != GROUND]

@@ -25,10 +25,10 @@ def simulate_transient(
 ) -> tuple[RawFile | None, str, tuple[str, ...]]:
     """Run the transient of a deck in ngspice; return the waveforms, the version of ngspice, and its messages.
 
-    `deck`: file name and content of the deck; `commands`: content of the file that includes it; `source`: name of the
-    deck in messages; `timeout`: longest run, in seconds.  The waveforms are None without a usable result.  Raise
-    ToolMissingError if ngspice is not installed, InputError for a deck with commands, and BudgetError after the
-    timeout.
+    `deck`: file name and content of the deck; `commands`: content of the file that includes the deck and requests the
+    transient; `source`: name of the deck in messages; `timeout`: longest run, in seconds.  The waveforms are None if
+    ngspice wrote no transient.  Raise ToolMissingError if ngspice is not installed, InputError for a deck with
+    commands, and BudgetError after the timeout.
     """
     program = find_program(EXECUTABLE_VARIABLE, "ngspice", INSTALL)
     name, data = deck

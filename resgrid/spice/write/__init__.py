@@ -1,1 +1,1 @@
-"""Writers of SPICE decks, flat or one subcircuit per cell, with expected results (sidecar) and self-checks."""
+"""Writers of SPICE decks: flat, one subcircuit per cell, or with memristors; their sidecars and self-check decks."""

@@ -1,4 +1,4 @@
-"""`write_spice`: a deck in one dialect, a file of analyses, a sidecar of expected results, a self-check deck."""
+"""`write_spice` and its result: a deck in one dialect, a file of analyses, a sidecar, and a self-check deck."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class WrittenDeck:
     commands : pathlib.Path
         The file that includes the deck and requests the operating point or other analyses.
     sidecar : pathlib.Path
-        JSON with hashes, cells, reference results and versions.
+        JSON with hashes, cells, expected voltages and currents, and versions.
     sha256 : str
         Hash of the deck, 64 hexadecimal digits.
     companion : pathlib.Path or None
@@ -101,7 +101,8 @@ def write_spice(
     title : str, optional
         First line of the deck, cut at 200 characters; by default a description of the circuit.
     chip : Chip, optional
-        For ``form="cells"``: the chip that the netlist was built from (`build_chip`), with all switches of its tiles.
+        The chip that the netlist was built from (`build_chip`), with all switches of its tiles.  Required for
+        ``form="cells"``; ignored in flat form.
     form : {"flat", "cells"}
         One line per element; or tile form: one subcircuit per cell, and a parameter per cell that sets its switches.
     analyses : sequence of Analysis
@@ -111,7 +112,8 @@ def write_spice(
     scene_sha256 : str, optional
         Hash of the scene's file, stored in the sidecar.
     verify : bool
-        Whether to write the self-check deck.
+        Whether to write the self-check deck, with which ngspice compares its results with the expected ones.  Other
+        dialects have none.
 
     Returns
     -------
@@ -207,7 +209,7 @@ def _apply_mismatch(
 def checked_target(target: Path) -> Path:
     """Return `target`, the path of a deck; raise InputError if no sidecar or command file can accompany a deck there.
 
-    The path must be a regular file or absent, and its name printable and without double quotes.
+    Pipes and devices are rejected, and names that are empty, not printable or contain double quotes.
     """
     sidecar_path(target)
     if target.exists() and not (target.is_file() or target.is_dir()):

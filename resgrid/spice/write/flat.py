@@ -26,14 +26,15 @@ _MAX_TITLE = 200
 class FlatDeck:
     """Text of a deck, and the correspondence between names in the deck and the netlist.
 
-    `netlist`: the netlist that was written; `text`: the deck, with LF line ends; `dialect`: dialect of the deck;
-    `title`: one line of ASCII; `nodes` (n,): netlist numbers of the nodes in the deck, ascending, without ground;
+    `netlist`: the netlist that was written; `text`: main file of the deck, with LF line ends; `dialect`: dialect of the
+    deck; `title`: one line of ASCII; `nodes` (n,): netlist numbers of the nodes in the deck, ascending, without ground;
     `node_names` (n,): names of `nodes` in the deck; `sources` (s,): netlist indices of the voltage sources in the deck,
     in the order of the deck; `source_names` (s,): names of `sources` in the deck; `left_out`: netlist names of the
     floating nodes, which the deck omits; `renamed_nodes, renamed_elements`: netlist name by deck name, where they
     differ; `resistors` (m,): the simulator's names of the resistors; `resistor_value` (m,): resistances in ohms;
-    `parts`: content of the included files, by suffix; `dropped`: number of omitted elements of each kind (an omitted
-    element touches a floating node, or closes a loop of voltage sources); a kind without omitted elements is absent.
+    `parts`: content of the files that the main file includes, by file name suffix; empty for a flat deck; `dropped`:
+    number of omitted elements of each kind (an omitted element touches a floating node, or closes a loop of voltage
+    sources); a kind without omitted elements is absent.
     """
 
     netlist: Netlist
@@ -63,7 +64,7 @@ class FlatDeck:
 
 @dataclass(frozen=True, eq=False)
 class Additions:
-    """Changes of a deck's lines that analyses require.
+    """Text that analyses require in a deck: at the end of the lines of voltage sources, and in those of resistors.
 
     `suffix`: text appended to the line of a voltage source (a waveform), by the netlist index of the source; `first`:
     text appended to the line of the voltage source with the lowest netlist index (the input of a noise analysis), empty
@@ -91,8 +92,8 @@ def flatten(
 
     `dialect`: name of the dialect; `title`: first line, None for a description of the netlist; `additions`: changes
     that analyses require.  Floating nodes, the elements that touch floating nodes, and voltage sources that close a
-    loop with a voltage sum of zero are omitted.  Raises InputError for an unknown dialect, an overflowing resistance or
-    a netlist without grounded nodes, and CircuitError for a current source that drives a floating node.
+    loop (whose voltages must sum to zero) are omitted.  Raises InputError for an unknown dialect, an overflowing
+    resistance or a netlist without grounded nodes, and CircuitError for a current source that drives a floating node.
     """
     rules = dialect_named(dialect)
     held = grounded_nodes(netlist)
@@ -185,7 +186,9 @@ def rounded(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def grounded_nodes(netlist: Netlist) -> NDArray[np.bool_]:
-    """Return the mask (node_count,) of ground and the nodes that resistors and voltage sources connect to ground.
+    """Return the mask (node_count,) of ground and the nodes that conducting elements connect to ground.
+
+    Resistors, nonlinear resistors and voltage sources conduct; capacitors and current sources do not.
 
     Raises InputError if only ground is in the mask, and CircuitError for a current source that drives a floating node.
     """

@@ -47,16 +47,17 @@ _OUTPUTS = 10
 """Number of times, equally spaced from ``stop / 10`` to ``stop``, at which the sidecar holds expected values."""
 
 _STEPS = 1000
-"""End of the transient divided by the default of the simulator's longest time step."""
+"""Number by which the end of the transient is divided for the default of the simulator's longest time step."""
 
 
 @dataclass(frozen=True, eq=False)
 class MemristiveDeck:
     """Text of a deck with memristors, and its names.
 
-    `text`: the deck; `rules`: its dialect; `nodes` (n,): netlist numbers of its nodes without ground, `node_names`
-    (n,): their names; `memristors`: names of the memristors in the deck; `left_out`: numbers of the floating nodes and
-    of the memristors that the deck omits, by the keys ``"floating node"`` and ``"memristor"``, without zeros.
+    `text`: the deck; `rules`: its dialect; `nodes` (n,): netlist numbers of its nodes without ground; `node_names`
+    (n,): their names in the deck; `memristors`: names of the memristors in the deck; `left_out`: numbers of the
+    floating nodes and of the memristors that the deck omits, by the keys ``"floating node"`` and ``"memristor"``,
+    without zeros.
     """
 
     text: str
@@ -96,8 +97,8 @@ def write_memristive(
     step : float, optional
         Longest step of the simulator, in seconds; by default ``stop / 1000``.
     waveform : array_like of float, shape (n, 2), optional
-        Times in seconds and factors of all sources, as in `memristive_transient`; written as PWL sources.  By default
-        the sources are constant.
+        Times in seconds, ascending, and the factors by which all sources are multiplied at these times; linear between
+        the times, constant before and after them; written as PWL sources.  By default the factor is 1.
     reltol : float
         Relative tolerance of the simulator, below 1.
     title : str, optional
@@ -211,8 +212,8 @@ def _memristor_lines(
 ) -> list[str]:
     """Return the lines of all memristors, three each: current, drift of the state, and capacitor of the state.
 
-    `rules`: dialect; `memristors`: names in the deck; `labels`: end of the names of the elements of every memristor;
-    `gain`: gain ``K`` of the drift at the limits 0 and 1 of the state, in 1/s.
+    `rules`: dialect; `memristors`: names in the deck; `labels`: for every memristor the text after the first letters in
+    the names of its three elements; `gain`: gain ``K`` of the drift at the limits 0 and 1 of the state, in 1/s.
     """
     law, lines = circuit.law, []
     for number, state, (a, b), label in zip(*memristors, labels, strict=True):
@@ -256,7 +257,7 @@ def _wave(rules: Dialect, value: float, corners: NDArray[np.float64]) -> str:
     """Return the text of a waveform at the end of a source's line; empty for a constant source with the factor 1.
 
     `rules`: dialect; `value`: value of the source for the factor 1, in volts or amperes; `corners` (n, 2): times in
-    seconds and factors.
+    seconds and factors, linear between these times and constant before and after them.
     """
     if len(corners) == 1 and corners[0, 1] == 1.0:
         return ""

@@ -20,7 +20,10 @@ _MAX_BYTES = 2**28
 """Largest sidecar that is read, in bytes."""
 
 TOLERANCE = 1e-3
-"""Largest accepted error of a state (0 to 1), and of a voltage as a fraction of the largest difference of voltages."""
+"""Largest accepted error of a state (0 to 1), and of a voltage as a fraction of the span of the expected voltages.
+
+The span is the largest minus the smallest expected voltage of all nodes at all times.
+"""
 
 
 class MemristorNames(NamedTuple):
@@ -45,7 +48,7 @@ class MemristiveSidecar(BaseModel):
     """Content of the sidecar of a deck with memristors, without informative keys.
 
     `intact`: whether the file is unaltered according to its own hash; `own_sha256`, `sha256`: hashes of the file and of
-    the deck; `dialect`: name of the deck's dialect; `supply`: largest difference of expected voltages, in volts;
+    the deck; `dialect`: name of the deck's dialect; `supply`: largest minus smallest expected voltage, in volts;
     `tolerance`: largest accepted error of a state, and of a voltage as a fraction of `supply`; `times`: times of the
     expected values, in seconds; `nodes`, `states`: expected voltages and states by name; `companions`: hash of the file
     of commands by the name of this file.

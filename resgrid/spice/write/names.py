@@ -1,4 +1,7 @@
-"""Names that all simulators accept: unique, lower case letters, digits and underscores, with a letter first."""
+"""Names of nodes and elements that all simulators accept.
+
+They are unique and consist of lower case letters, digits and underscores, with a letter first.
+"""
 
 from __future__ import annotations
 
@@ -40,9 +43,10 @@ def name_nodes(netlist: Netlist, dialect: Dialect, held: NDArray[np.bool_]) -> l
 
 
 def name_elements(netlist: Netlist, kind: str, numbers: NDArray[np.int64], node_names: Sequence[str]) -> list[str]:
-    """Return the deck's names of n elements, made from their names in the netlist or, if these have none, of nodes.
+    """Return the deck's names of n elements, made from the elements' names in the netlist.
 
-    `kind`: kind of the elements, such as ``"resistor"``; `numbers` (n,): netlist indices; `node_names` (node_count,):
+    If the netlist does not name elements of this kind, the names are made from the names of both nodes. `kind`: kind of
+    the elements, such as ``"resistor"``; `numbers` (n,): netlist indices of the elements; `node_names` (node_count,):
     deck names of all nodes.
     """
     initial = INITIALS[kind]
@@ -60,12 +64,12 @@ def name_elements(netlist: Netlist, kind: str, numbers: NDArray[np.int64], node_
 
 
 def legal_names(names: Sequence[str], initial: str, reserved: Iterable[str] = ()) -> list[str]:
-    """Return unique legal names that change the given ones as little as possible.
+    """Return one unique legal name for each of `names`, with as few changes as possible.
 
-    A legal name has at most 200 lower case letters, digits and underscores, a letter first.  The first element with a
-    legal name keeps it.  Other names are folded to lower case, illegal characters become ``_``, and a number is
-    appended if the result is in use already.  `initial`: prefix of names that do not begin with a letter;
-    `reserved`: names that may not be used.
+    A legal name has at most 200 lower case letters, digits and underscores, a letter first.  A legal name that is not
+    reserved is kept at its first occurrence.  Other names are folded to lower case, illegal characters become ``_``,
+    and a number is appended if the result is reserved or in use already.  `initial`: prefix of names that do not begin
+    with a letter; `reserved`: names that may not be used.
 
     Examples
     --------

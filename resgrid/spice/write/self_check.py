@@ -1,9 +1,9 @@
 """Writer of self-check decks: a file with which ngspice runs a deck, compares the results and prints PASS or FAIL.
 
-The file needs only ngspice.  It holds the expected voltages, currents and resistances as plain numbers; ``compose``
-makes vectors of errors.  These vectors have a plot of their own, because ngspice rebuilds the table of a plot's names
-for every new vector.  A comparison passes only if its error was computed and is small: a missing or undefined number
-fails.
+The file needs only ngspice.  It holds the expected voltages, currents and resistances as plain numbers; the command
+``compose`` makes vectors of errors.  These vectors have a plot (set of vectors) of their own, because ngspice rebuilds
+the table of a plot's names for every new vector.  A comparison passes only if its error was computed and is small: a
+missing or undefined number fails.
 """
 
 from __future__ import annotations

@@ -92,7 +92,7 @@ def expect(deck: FlatDeck, op: OperatingPoint) -> Expected:
     """Return the expected results of a deck, by the deck's names.
 
     `op`: operating point of the netlist that the deck was written from.  Raises InputError for the operating point of
-    another netlist.
+    another netlist, and for a node of the deck without a voltage.
     """
     if not op.is_of(deck.netlist):
         raise InputError("the operating point belongs to another netlist; solve this one first")
@@ -127,7 +127,7 @@ class _Blocks(BaseModel):
 
 
 class _Node(BaseModel):
-    """The entry of a node in a sidecar, of which only the expected `voltage`, in volts, is read."""
+    """The entry of a node in a sidecar; only its expected `voltage`, in volts, is read."""
 
     voltage: FiniteFloat
 

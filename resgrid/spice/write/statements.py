@@ -54,8 +54,8 @@ def only_one(analyses: Sequence[Analysis], kind: type[Analysis]) -> Any:
 def additions(analyses: Sequence[Analysis], netlist: Netlist, rules: Dialect) -> Additions:
     """Return the changes of a deck's lines that analyses require: waveforms, AC sources and random resistors.
 
-    `netlist`: the netlist of the deck; `rules`: the dialect of the deck.  Raises InputError if the deck and the circuit
-    after a change differ in more than values.
+    `netlist`: the netlist of the deck; `rules`: the dialect of the deck.  Raises InputError if a transient analysis has
+    a second circuit, `after`, that differs from the netlist in more than the values of resistors and sources.
     """
     suffix: dict[int, str] = {}
     transient: TransientAnalysis | None = only_one(analyses, TransientAnalysis)
@@ -73,9 +73,10 @@ def additions(analyses: Sequence[Analysis], netlist: Netlist, rules: Dialect) ->
 
 
 def _check_alike(before: Netlist, after: Netlist) -> None:
-    """Raise InputError unless two netlists have resistors and sources at the same nodes, and equal other elements.
+    """Raise InputError unless two netlists differ at most in the values of resistors, voltage and current sources.
 
-    `before, after`: netlists before and after a change; their current sources are not compared.
+    Resistors and voltage sources must lie between the same nodes; capacitors and nonlinear resistors must be equal.
+    `before, after`: netlists before and after the change of a scene; their current sources are not compared.
     """
     for kind in (*_SAME_NODES, *_SAME_VALUES):
         for key in ELEMENTS[kind][1]:
@@ -230,9 +231,10 @@ def _change(deck: FlatDeck, transient: TransientAnalysis | None) -> Iterator[str
     """Yield the lines of the elements that change the circuit within the first step of a transient analysis.
 
     Every resistor that changes gets a parallel current source of ``(g_after - g_before) V`` times a ramp from 0 to 1,
-    with the conductances ``g`` and the voltage ``V`` of the resistor.  A node whose injected current changes gets a
-    current source of the difference times that ramp.  `transient`: the analysis; None, or one without `after`, gives no
-    lines.
+    with the conductances ``g`` and the voltage ``V`` of the resistor; it carries current in the direction of ``V``.  A
+    node whose injected current changes gets a current source of the difference times that ramp.  `deck`: the deck
+    before the change; `transient`: the analysis, whose `after` is the circuit after the change; None, or an analysis
+    without `after`, gives no lines.
     """
     if transient is None or transient.after is None:
         return

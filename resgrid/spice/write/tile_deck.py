@@ -35,10 +35,12 @@ The constants have the name of this state (free 0, blocked 1, goal 2, driven 3);
 def write_tiles(
     netlist: Netlist, chip: Chip, name: str, *, dialect: str, title: str | None, additions: Additions
 ) -> FlatDeck:
-    """Return the tile deck of a netlist built from a chip; `FlatDeck.parts` holds the chip file and the pattern file.
+    """Return the tile deck (one subcircuit per cell) of a netlist built from a chip.
 
-    `chip`: the chip; `name`: file name of the deck; `dialect`: name of the simulator's dialect; `title`: first line,
-    None for a description of the array; `additions`: changes of the lines that analyses require.
+    `FlatDeck.parts` of the result holds the chip file and the pattern file, which the main file includes. `netlist`:
+    the circuit; `chip`: chip with the resistances of all switches of the tiles; `name`: file name of the deck;
+    `dialect`: name of the simulator's dialect; `title`: first line, None for a description of the array; `additions`:
+    changes of the lines that analyses require.
     """
     tiles = tiles_of(netlist, chip)
     size = " x ".join(map(str, tiles.shape))
@@ -78,8 +80,9 @@ def _deck_lines(tiles: Tiles, flat: FlatDeck, name: str, additions: Additions) -
 def _pattern_lines(tiles: Tiles, flat: FlatDeck, labels: Sequence[str]) -> Iterator[str]:
     """Yield the lines of the pattern file: for every cell the definition of a parameter, whose value is its `State`.
 
-    With a uniform drive, a parameter for the injected current precedes them.  `flat`: flat deck of the same netlist,
-    for title and dialect; `labels` (cells,): indices of each cell as text in names, such as ``0_1``.
+    With a uniform drive, the parameter ``drive`` for the current into every free cell, in amperes, precedes them.
+    `flat`: flat deck of the same netlist, for title and dialect; `labels` (cells,): indices of each cell as text in
+    names, such as ``0_1``.
     """
     rules = flat.dialect
     yield f"{rules.comment}pattern: {flat.title}"
@@ -121,9 +124,10 @@ def _chip_lines(tiles: Tiles, rules: Dialect, labels: Sequence[str], spread: flo
 def _parameters(tiles: Tiles, axis: int) -> dict[str, tuple[NDArray[np.float64], float]]:
     """Return the subcircuit parameters of a tile's resistor along an axis, by name, each as a pair of values in ohms.
 
-    Names: ``resistance_<axis>``, and that of the wall resistance if there is one.  The pair consists of the values for
-    all resistors of the grid (n,), and the default of the subcircuit: the most frequent resistance along this axis, or
-    the nominal wall resistance.
+    Names: ``resistance_<axis>``, and for walls with a resistance also ``wall_resistance`` (all walls are equal) or
+    ``wall_resistance_<axis>``.  First value of a pair (n,): one value for each of the n resistors of the grid, along
+    all axes and at the grid's edge, in the order of `Tiles.cell`.  Second value: default of the subcircuit, which is
+    the most frequent resistance along this axis (0 without a resistor), or the nominal wall resistance.
     """
     own = tiles.resistance[tiles.links[tiles.axis[tiles.links] == axis]]
     values, count = np.unique(own, return_counts=True)
@@ -136,7 +140,8 @@ def _parameters(tiles: Tiles, axis: int) -> dict[str, tuple[NDArray[np.float64],
 def _wall(tiles: Tiles, axis: int) -> str:
     """Return the name of the subcircuit parameter for the wall resistance along an axis.
 
-    The name is ``wall_resistance`` for all axes if all walls have the same resistance, else ``wall_resistance_<axis>``.
+    The name is ``wall_resistance`` for all axes if all walls between cells have the same resistance, else
+    ``wall_resistance_<axis>``.
     """
     return f"wall_resistance_{axis}" if len(np.unique(tiles.wall[tiles.links])) > 1 else "wall_resistance"
 
@@ -229,7 +234,9 @@ def _switch(name: str, closed: str) -> str:
 def _internodal(tiles: Tiles, axis: int) -> str:
     """Return the expression of the resistance in series with the resistor to the next cell along an axis, in ohms.
 
-    The resistance depends on the states of both cells: an internodal switch, and a wall where one cell is blocked.
+    With open obstacles it is that of a switch, which is open if one of both cells is blocked.  With walls it is that of
+    the closed switch, plus the wall resistance if exactly one of both cells is blocked.  With other boundaries it is
+    that of the closed switch.
     """
     own, other = _BLOCKED.format("state"), _BLOCKED.format(_neighbour_state(tiles, axis))
     if tiles.wiring.is_driven:
@@ -244,9 +251,9 @@ def _instances(
 ) -> Iterator[str]:
     """Yield one instance line per cell; a parameter whose value is the default of the subcircuit is left out.
 
-    `rules`: dialect of the deck; `link` (cells, axes): index of the cell's resistor along each axis, -1 for none;
-    `masters` (cells,): names of the subcircuits; `labels` (cells,): indices of each cell as text in names, such as
-    ``0_1``.
+    `rules`: dialect of the deck; `link` (cells, axes): index of the resistor from the cell to the next one along each
+    axis, -1 for none; `masters` (cells,): names of the subcircuits; `labels` (cells,): indices of each cell as text in
+    names, such as ``0_1``.
     """
     usual = [
         {name: (ohms.tolist(), most) for name, (ohms, most) in _parameters(tiles, axis).items()}
@@ -302,6 +309,8 @@ def _edge_values(rules: Dialect, tiles: Tiles, labels: Sequence[str]) -> list[st
 
 def _simulated_resistors(tiles: Tiles, labels: Sequence[str]) -> tuple[list[str], NDArray[np.float64]]:
     """Return ngspice's names of all resistors after the expansion of subcircuits, and their resistances (n,) in ohms.
+
+    Switches are resistors, too.
 
     `labels` (cells,): indices of each cell as text in names, such as ``0_1``.
     """

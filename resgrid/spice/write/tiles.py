@@ -1,4 +1,4 @@
-"""Decomposition of a chip's netlist into an array of tiles, where a tile is the circuit of one cell.
+"""Decomposition of a chip's netlist into an array of tiles (circuits of one cell), and the switches that tiles need.
 
 A tile holds the resistors to the next cells along each axis, a switch to the obstacle rail, a switch to the goal rail,
 and a capacitor to ground.  With open obstacles or walls it also holds an internodal switch in series with every
@@ -52,12 +52,12 @@ class Tiles:
 
     `netlist`: the chip's circuit; `ohms`: resistances of the switches in ohms, by their keys in a chip; `capacitance`:
     capacitance of every cell, in farads, 0 without one; `amps`: current injected into every free tile, in amperes, 0
-    unless the drive is uniform; `state` (cells,): `State` of every tile. The other arrays describe the resistors of the
-    grid, shapes (n,): `cell`: flat index of the cell whose tile holds the resistor; `beyond`: index of the neighbouring
-    cell, -1 for the obstacle rail beyond the grid's edge; `axis`: axis of the resistor, from 0; `upward`: whether it
-    leads from the cell towards larger coordinates; `resistance`: of the resistor alone, in ohms; `wall`: wall
-    resistance at a contact with an obstacle, in ohms, 0 without walls; `series`: resistance of wall and switch in
-    series with the resistor in this scene, in ohms.
+    unless the drive is uniform; `state` (cells,): `State` of every tile. The other arrays describe the n resistors
+    between cells and at the grid's edge, shapes (n,): `cell`: flat index of the cell from which the resistor leads;
+    `beyond`: index of the neighbouring cell, -1 for the obstacle rail beyond the grid's edge; `axis`: axis of the
+    resistor, from 0; `upward`: whether it leads from the cell towards larger coordinates; `resistance`: of the resistor
+    alone, in ohms; `wall`: wall resistance at a contact with an obstacle, in ohms, 0 without walls; `series`:
+    resistance of wall and switch in series with the resistor in this scene, in ohms.
     """
 
     netlist: Netlist
@@ -217,8 +217,8 @@ def _round_within_error(ohms: NDArray[np.float64], total: NDArray[np.float64]) -
     """Return resistances (n,), in ohms, rounded to 12 significant digits where rounding stays within rounding errors.
 
     Other resistances are unchanged.  The largest accepted change is 8 machine epsilons times `total`.  `ohms` (n,): the
-    resistances, in ohms; `total` (n,): sum of the series connection that contains each resistance, in ohms, NaN if
-    there is none, which counts as the resistance itself.
+    resistances, in ohms; `total` (n,): resistance of the series connection that contains each resistance, in ohms; a
+    value that is NaN or smaller than the resistance is replaced by the resistance.
     """
     with np.errstate(invalid="ignore"):
         short = rounded(ohms)
