@@ -17,7 +17,7 @@ from resgrid.errors import InputError
 from resgrid.plot.style import DPI, TEXT
 
 FORMATS = ("png", "pdf", "svg")
-"""File formats of pictures; the names are also the suffixes."""
+"""File formats of pictures; the names are also the suffixes of files, without the dot."""
 PAGE = 7.4
 """Width of a figure that spans both columns of a page, in inches."""
 
@@ -149,7 +149,7 @@ def save_figure(picture: Axes | Figure, file: str | os.PathLike[str], *, dpi: fl
 
 
 def picture_format(file: str | os.PathLike[str]) -> str:
-    """Return the file format ("png", "pdf" or "svg") of a suffix; raise InputError for an unknown suffix."""
+    """Return the picture format ("png", "pdf" or "svg") of a file by its suffix; raise InputError for another suffix."""
     suffix = Path(file).suffix.lower().lstrip(".")
     if suffix not in FORMATS:
         allowed = ", ".join("." + name for name in FORMATS)
