@@ -149,7 +149,7 @@ def save_figure(picture: Axes | Figure, file: str | os.PathLike[str], *, dpi: fl
 
 
 def picture_format(file: str | os.PathLike[str]) -> str:
-    """Return the picture format ("png", "pdf" or "svg") of a file by its suffix; raise InputError for another suffix."""
+    """Return the format ("png", "pdf" or "svg") of a file by its suffix; raise InputError for another suffix."""
     suffix = Path(file).suffix.lower().lstrip(".")
     if suffix not in FORMATS:
         allowed = ", ".join("." + name for name in FORMATS)

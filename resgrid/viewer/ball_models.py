@@ -1,4 +1,4 @@
-"""Models of a ball and of a voxel world's obstacles in the 3-D scene that the package viser displays."""
+"""Models of a ball, and of the obstacle and goal cells around it, in the 3-D scene that the package viser displays."""
 
 from __future__ import annotations
 
@@ -49,7 +49,8 @@ def add_voxels(server: viser.ViserServer, space: ConfigurationSpace) -> None:
     """Add the surface of the obstacles, coloured by height, and the goal cells to a scene of viser.
 
     The surface consists of the faces between obstacles and goal or goal-connected cells. The faces are visible from the
-    front only, so that the camera looks into closed rooms.
+    front only, so that the camera looks into closed rooms. `space`: space with the axes x, y and z of a point or a
+    ball; many cells are joined into blocks.
     """
     block = block_of(space.axes)
     axes = [coarse_axis(axis, block) for axis in space.axes]
