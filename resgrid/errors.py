@@ -24,7 +24,7 @@ class ResgridError(Exception):
 
 
 class InputError(ResgridError, ValueError):
-    """A file, key, value or argument is invalid; the message names it and a remedy.
+    """A file, key, value or argument is invalid; the message states the invalid part and a remedy.
 
     Examples
     --------
@@ -103,7 +103,7 @@ class ToolMissingError(ResgridError, OSError):
 
 
 class BudgetError(MemoryError, ResgridError):
-    """The job needs more memory, disk space or time than allowed; the message contains the estimate.
+    """The job needs more memory, disk space or time than its limit; the message contains the estimated need.
 
     Examples
     --------

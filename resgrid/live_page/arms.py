@@ -1,4 +1,4 @@
-"""Arms on the live page: cells recomputed from the arm's workspace, and poses along paths."""
+"""Arms of two links on the live page: cells recomputed from the arm's workspace, and poses along paths."""
 
 from __future__ import annotations
 

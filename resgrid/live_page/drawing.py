@@ -161,7 +161,7 @@ class Drawing:
         return own.axes == self.axes and np.array_equal(own.cell, self.cell) and np.array_equal(own.level, self.level)
 
     def scene(self) -> Scene:
-        """Return the validated scene that `document` describes."""
+        """Return the validated scene with the cells and the settings of the drawing."""
         from pathlib import Path
 
         from resgrid.scene.reading import build_scene

@@ -29,8 +29,8 @@ _PAGE_WORDS = {
     "--drive uniform": "the uniform drive",
     "boundary = 'neumann'": "k = 0",
 }
-"""Words for a control of the page, by the text in error messages that names an option of the command line, or a key of
-a scene, with the same effect; the texts are replaced in this order.
+"""Replacements in error messages: a text that names an option of the command line or a key of a scene, and the words
+for the control of the page with the same effect.  The texts are replaced in this order.
 """
 
 _Point = Annotated[tuple[float, ...], Strict(False), Len(2, 2)]

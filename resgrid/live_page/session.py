@@ -154,9 +154,9 @@ class Session:
         self._has_left = True
 
     def _is_wanted(self, drawing: Drawing) -> bool:
-        """Return whether a transient is still needed: the browser is connected, and the page still shows its circuit.
+        """Return whether a transient is still needed: the browser is connected, and the circuit has not changed.
 
-        `drawing`: drawing of the transient.
+        `drawing`: drawing whose transient is being computed.
         """
         return not self._has_left and (self._newer is None or is_same_circuit(self._newer, drawing))
 

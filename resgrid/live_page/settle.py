@@ -44,8 +44,8 @@ _STEPS = ((0.3, 24), (0.1, 12), (0.02, 6), (0.0, 3))
 """Pairs of an error and the number of coarse time steps from one time of the transient to the next.
 
 The first pair is used whose error is at most the error at the previous time, which is infinite at first.  The error at
-a time is the largest difference of the natural logarithms of levels computed with fine and with coarse steps.  The
-steps are of backward Euler; fine steps are half as long as coarse steps.
+a time is the largest difference, over all nodes, of the natural logarithms of a potential or drop computed with fine
+and with coarse steps of backward Euler.  Fine steps are half as long as coarse steps.
 """
 
 _VISIBLE = 0.004

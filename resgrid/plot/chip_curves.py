@@ -34,7 +34,7 @@ from resgrid.scene.chip import Chip
 from resgrid.scene.table_models import described_keys
 
 _MOST_LABELS = 80
-"""Largest number of points of a sweep for which the yield at every point is also written as a number."""
+"""Largest number of pairs of values in a sweep for which the yield of every pair is also written as a number."""
 _CONTOUR = "#E69F00"
 _FRACTIONS = {"mismatch", "defects.open_density", "defects.short_density"}
 """Keys of a chip with dimensionless fractions, which are labelled in per cent."""
@@ -142,7 +142,7 @@ def _draw_histogram(results: Mapping[str, ADCResolution], ax: Axes | None, bits:
 
 
 def _adc_resolution_page(results: Mapping[str, ADCResolution], bits: int, title: str) -> Figure:
-    """Return a figure with one map per result, the histogram of required bits, and the fraction of starts served.
+    """Return a figure with a map per result, a histogram of required bits, and their cumulative fraction of starts.
 
     `results`: resolutions by the name that titles and legend show; `bits`: resolution that is marked; `title`: title of
     the page.

@@ -37,7 +37,7 @@ _SETTINGS: Any = {"svg.hashsalt": "resgrid", "pdf.fonttype": 42}
 
 
 class NotebookFigure(Figure):
-    """A figure that a notebook displays although it has no window."""
+    """A figure without a window, which a notebook displays as a PNG image."""
 
     def add_subplot(self, *place: Any, **options: Any) -> Any:
         """Return new axes, which a notebook displays, too; `place` and `options` are arguments of matplotlib."""
@@ -48,7 +48,7 @@ class NotebookFigure(Figure):
 
 
 class NotebookAxes(Axes):
-    """Axes that a notebook displays as their whole figure."""
+    """Axes that a notebook displays as a PNG image of the whole figure."""
 
     def _repr_png_(self) -> bytes:
         return render_figure(self, "png", dpi=NOTEBOOK_DPI)

@@ -26,7 +26,7 @@ from resgrid.plot.shading import Scale, Shading, shading_of
 from resgrid.plot.style import PATHS
 
 _MOST_STEPS = 40
-"""Largest number of sites along an axis of the lattice for which the resistors are drawn."""
+"""Largest number of sites (places of nodes) along an axis of the lattice for which the resistors are drawn."""
 
 
 def draw_lattice_field(

@@ -220,7 +220,7 @@ def _places(netlist: Netlist, groups: Groups) -> Place:
 
 
 def _oriented(places: Place) -> Place:
-    """Return a layout, scaled to drawing units (at most `_NODES_APART` between the two nearest nodes) and turned.
+    """Return a layout, scaled to drawing units (at most 2.2 between the two nearest nodes) and turned.
 
     An elongated layout is turned horizontal, with the first node on the left.  `places` (n, 2): node positions of any
     scale; the result has the shape (n, 2).
@@ -290,7 +290,7 @@ def _to_ground(elements: Elements, node: Place, drawn: Shapes) -> Bundle:
 def _to_itself(elements: Elements, node: Place, drawn: Shapes) -> Bundle:
     """Return the elements with both ends at one node as nested loops, in the direction with the most room.
 
-    `elements`: kind, value in SI units, and orientation (False for every loop) of each element; `node` (2,): position
+    `elements`: kind, value in SI units, and False (loops have no orientation) for each element; `node` (2,): position
     of the node; `drawn`: polygons and lines that the loops should not overlap.
     """
     angles = np.pi / 4 * (np.arange(8) + 2)
@@ -301,7 +301,7 @@ def _to_itself(elements: Elements, node: Place, drawn: Shapes) -> Bundle:
 def _loop(elements: Elements, node: Place, out: Place) -> Bundle:
     """Return nested loops, one per element, with both ends at the position `node` (2,), as a `Bundle`.
 
-    `elements`: kind, value in SI units, and orientation (False for every loop) of each element; `out` (2,): unit vector
+    `elements`: kind, value in SI units, and False (loops have no orientation) for each element; `out` (2,): unit vector
     from the node to the loops.
     """
     across = np.array([-out[1], out[0]])

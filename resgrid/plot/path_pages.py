@@ -1,4 +1,4 @@
-"""Choice of the picture of paths by their space: a plane, slices, or the surface of a voxel world."""
+"""Choice of the picture of paths by their space: a plane, slices, or for a point or ball the surface of obstacles."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from resgrid.plot.voxels import PIECES, draw_paths_in_view, points_of
 from resgrid.robots.voxel_surfaces import is_voxel_world
 
 _SLICES = 3
-"""Largest number of horizontal slices below the picture of the surface."""
+"""Largest number of horizontal slices below the picture of the obstacles' surface."""
 
 
 def draw_path(
@@ -100,7 +100,7 @@ def draw_voxel_page(
     """Draw paths of one space with three axes: the surface of the obstacles, and horizontal slices through the paths.
 
     `k`: weight k of the Dirichlet field of each streamline, None for paths of one field; `unknown`: mask of obstacle
-    cells of unknown occupancy.
+    cells of unknown occupancy, shape of the space, None for no such cells.
     """
     space = paths[0].space
     layer = path_layer(paths, k) if _are_streamlines(paths) else line_layer(paths)

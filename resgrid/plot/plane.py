@@ -267,7 +267,7 @@ def _small_goals(plane: PicturePlane) -> NDArray[np.int64]:
     """Return the cell index ranges of the n goals that need a ring because they are small, shape (n, 2, 2).
 
     The second index selects first cell or end (exclusive), the third one the axis.  A goal is small if its longer side
-    is below the fraction `_VISIBLE` of the picture's longer side; if more than `_MOST_RINGS` goals are small, n is 0.
+    is below 1.5 % of the picture's longer side; if more than 30 goals are small, n is 0.
     """
     from scipy.ndimage import find_objects
 
@@ -287,7 +287,7 @@ def _in_picture(plane: PicturePlane, cells: NDArray[np.float64]) -> NDArray[np.f
 
 
 def _ring_small_goals(plane: PicturePlane, axes: Axes) -> None:
-    """Draw a ring around each goal that is smaller than `_VISIBLE` of the picture's longer side."""
+    """Draw a ring around each goal below 1.5 % of the picture's longer side; no rings if more than 30 are so small."""
     boxes = _small_goals(plane)
     if not len(boxes):
         return

@@ -79,7 +79,7 @@ def _axes_by_unit(axes: tuple[Axis, ...]) -> dict[str, list[int]]:
 def _times(trajectory: Trajectory) -> NDArray[np.float64]:
     """Return ascending times (n,), in seconds, at which the curves of a trajectory are drawn.
 
-    Each knot of the trajectory occurs twice: just before the knot and at the knot.
+    Each knot (time at which a piece of the trajectory begins) after the first occurs twice: just before it and at it.
     """
     knots = trajectory.times
     before = np.nextafter(knots[1:], 0.0)

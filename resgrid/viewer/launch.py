@@ -94,7 +94,7 @@ class Viewer:
             pass
 
     def close(self) -> None:
-        """Stop the server."""
+        """Stop the threads that plan and play, and the server."""
         if not self._ended.is_set():
             self._ended.set()
             self.panel.close()

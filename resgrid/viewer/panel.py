@@ -194,7 +194,7 @@ class Panel:
                     self._show_motion()
 
     def _show_motion(self) -> None:
-        """Show the path of the tool, the outcome, and the robot at the position of the slider."""
+        """Show the path of the tool or the ball, the outcome, and the robot at the position of the slider."""
         add_line(self.server, self.task.places(self.motion.configurations))
         if self.task.goal is None:
             self._place("goal", self.motion.configurations[-1])

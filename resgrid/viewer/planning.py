@@ -37,7 +37,8 @@ _CLEARANCE_STEP = 0.02
 _ITERATIONS = 40
 """Largest number of iterations of the inverse kinematics that moves the tool to a dragged handle.
 
-After these, or once all joints change by less than 1e-5 radians or metres, the last configuration is used.
+The last configuration is used after these iterations, or after an iteration that changes every joint by less than 1e-5
+radians or metres.
 """
 
 _DAMPING = 0.05
