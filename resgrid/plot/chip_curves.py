@@ -86,7 +86,7 @@ def draw_adc_resolutions(
 ) -> Axes | Figure:  # fmt: skip
     """Draw the converter bits that the starts of several chips require; return the axes, or the figure of a page.
 
-    A start requires the bits with which the read-out tells the lowest neighbour of every cell on the path to a goal.
+    A start requires the bits that resolve the voltage step to the lowest neighbour in every cell of its path to a goal.
     `results`: resolutions by the name that the legend shows, such as the name of a boundary condition; `ax`: axes to
     draw on, by default those of a new figure, must be None for a page; `quantity`: "page" (maps, histogram and curve),
     "served" (fraction of starts that require at most the bits on the horizontal axis) or "histogram" of required bits;
