@@ -24,7 +24,7 @@ class ResgridError(Exception):
 
 
 class InputError(ResgridError, ValueError):
-    """A file, key, value or argument is invalid; the message names it and a remedy.
+    """A file, key, value or argument is invalid; the message states the invalid part and a remedy.
 
     Examples
     --------
@@ -53,7 +53,7 @@ class AccuracyError(ResgridError, ArithmeticError):
     Attributes
     ----------
     best : object or None
-        The most accurate result that was computed, for inspection only.
+        The most accurate result that was computed, for inspection only; None if there is no such result.
 
     Examples
     --------
@@ -72,7 +72,9 @@ class AccuracyError(ResgridError, ArithmeticError):
 
 
 class CertificateError(ResgridError, ValueError):
-    """A path does not have a property that `certify` checks; the message names the step and the property.
+    """A path does not have a property that a certificate needs; the message names the property and, if known, the step.
+
+    Such properties are a descending potential, the absence of collisions, and a correct length and clearance.
 
     Examples
     --------
@@ -101,7 +103,7 @@ class ToolMissingError(ResgridError, OSError):
 
 
 class BudgetError(MemoryError, ResgridError):
-    """The job needs more memory, disk space or time than allowed; the message contains the estimate.
+    """The job needs more memory, disk space or time than its limit; the message contains the estimated need.
 
     Examples
     --------
@@ -114,7 +116,7 @@ class BudgetError(MemoryError, ResgridError):
 
 
 class WorkerError(ResgridError, RuntimeError):
-    """Workers of an executor died repeatedly while they computed the same items, which the message names.
+    """Workers of an executor died repeatedly while they computed the same items; the message names these items.
 
     Examples
     --------
@@ -133,8 +135,8 @@ class WorkerError(ResgridError, RuntimeError):
 def suggestion(name: str, known: Iterable[str]) -> str:
     """Return a question that proposes the most similar known name; an empty string if no known name is similar.
 
-    `name`: misspelt name; `known`: valid names.  Names that differ only in their final digits, such as ros1 and ros2,
-    are not similar: they mean different things.
+    `name`: misspelt name; `known`: valid names.  A known name that differs only in upper and lower case is preferred.
+    If `name` ends in digits, known names that differ only in these digits are not proposed: ros1 is not ros2.
     """
     from difflib import get_close_matches
 

@@ -1,4 +1,4 @@
-"""The live page: a browser editor of obstacles, goals and starts, whose grid is solved after every change.
+"""The live page: a browser editor of obstacles, goals and starts that solves the grid after every change.
 
 All computations run in Python.  The page stores the drawing (cells, starts and settings) and displays the results that
 the server sends.

@@ -1,4 +1,4 @@
-"""Arms on the live page: cells recomputed from the arm's workspace, and poses along paths."""
+"""Arms of two links on the live page: cells recomputed from the arm's workspace, and poses along paths."""
 
 from __future__ import annotations
 
@@ -22,10 +22,11 @@ _MAX_POSES = 60
 
 
 def resample(drawing: Drawing) -> Drawing:
-    """Return a drawing whose cells are computed again from the workspace of its arm.
+    """Return a copy of a drawing of an arm, with cells that are computed again from the arm's workspace.
 
-    k, starts and wiring do not change.  Raises InputError for a drawing without a workspace, for a workspace with a map
-    file, and if the axes differ.
+    Conductivities and goal configurations are computed again, too; k, starts and wiring do not change.  Raises
+    InputError for a drawing without a workspace, for a workspace with a map file, and if the axes of the workspace's
+    arm differ from the axes of the drawing.
     """
     from resgrid.scene.reading import build_scene
 
@@ -45,8 +46,9 @@ def resample(drawing: Drawing) -> Drawing:
 def poses(frame: SolvedDrawing) -> list[list[Any]]:
     """Return the positions of the arm's base, joints and tip along each path, one list (poses, links + 1, 2) per path.
 
-    Positions are in the workspace, in metres, for at most 60 poses per path.  Without an arm the result is empty; the
-    entry of a path that the preview cannot find is an empty list.  `frame`: solved drawing with the paths.
+    Positions are in the workspace, in metres, for at most 60 poses per path.  Without an arm the result is empty.  The
+    entry of a path is an empty list where a preview (quick solution during a mouse gesture) is too inaccurate for the
+    path.  `frame`: solved drawing with the paths.
     """
     if frame.drawing.world is None:
         return []
@@ -77,5 +79,5 @@ def _arm(world: Mapping[str, Any]) -> Arm:
 
 
 def _thinned(line: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return at most `_MAX_POSES` points (n, 2) of a line (points, 2), including the first and the last point."""
+    """Return at most 60 points (n, 2) of a line (points, 2), evenly spaced by index, with the first and the last."""
     return line[np.unique(np.linspace(0, len(line) - 1, _MAX_POSES).round().astype(np.int64))]

@@ -1,4 +1,4 @@
-"""The `Drawing` class: the cells, starts and settings on the page, and its conversion from and to scenes."""
+"""The `Drawing` class: cells, starts and settings on the live page; conversion from and to scenes and spaces."""
 
 from __future__ import annotations
 
@@ -45,18 +45,18 @@ _OF_CIRCUIT = ("boundary", "drive", "k", "leak", "lattice")
 @frozen
 @dataclass(frozen=True, eq=False)
 class Drawing:
-    """The state of the page: cells, starts and settings of the circuit.
+    """The state of the live page: cells, starts and settings of the circuit.
 
     `title`: title of the scene; `axes`: two axes of the grid; `edge`: "obstacle", "open" or "periodic" for each axis;
     `cell` (nx, ny): codes of `Cell`; `level` (nx, ny): index of each cell's conductivity in `palette`; `palette`:
     relative conductivities; `starts` (n, 2): in axis units; `k`: weight of the Dirichlet field, 0 to 1; `wall`: wall
-    resistance in ohms, 0 for no wall; `leak`: leak to the obstacle rail, in 1 / (unit of the axes)^2; `lattice`:
-    neighbours of a node; `driven`: whether every start drives a circuit of its own, with open obstacles (the page shows
-    the field of the first); `chip`: keys and values of the ``[chip]`` table of the scene, None for the defaults;
-    `world`: for an arm, the document (keys and tables) of its scene, with the workspace from which the cells are
-    computed, else None; `broken`: open resistors, as cell (i, j) and axis, for the resistor at the cell's lower face
-    across the axis; `goal_points`: goal configurations, as flat index of the cell in C order and two coordinates in
-    axis units; in a goal cell without an entry, every configuration is a goal.
+    resistance in ohms, 0 for no wall; `leak`: leak to the obstacle rail, in 1 / (unit of the axes)^2; `lattice`: name
+    of the lattice, which defines the neighbours of a node; `driven`: whether every start drives a circuit of its own,
+    with open obstacles (the page shows the field of the first start); `chip`: keys and values of the ``[chip]`` table
+    of the scene, None for the defaults; `world`: for an arm, the document (keys and tables) of the arm's scene, with
+    the workspace from which the cells are computed, else None; `broken`: open resistors, as cell (i, j) and axis, for
+    the resistor at the cell's lower face across the axis; `goal_points`: goal configurations, as flat index of the cell
+    in C order and two coordinates in axis units; in a goal cell without an entry, every configuration is a goal.
     """
 
     title: str
@@ -95,7 +95,7 @@ class Drawing:
 
     @property
     def problem(self) -> Problem:
-        """Circuits, weights k and starts to solve, equal to those of the scene that `document` describes."""
+        """Circuits, weights k and starts to solve, without the mismatch and the open resistors of the chip."""
         from resgrid.planning.pipeline import Problem
 
         chip = dict(self.chip or {})
@@ -161,7 +161,7 @@ class Drawing:
         return own.axes == self.axes and np.array_equal(own.cell, self.cell) and np.array_equal(own.level, self.level)
 
     def scene(self) -> Scene:
-        """Return the validated scene that `document` describes."""
+        """Return the validated scene with the cells and the settings of the drawing."""
         from pathlib import Path
 
         from resgrid.scene.reading import build_scene
@@ -179,7 +179,7 @@ class Drawing:
 def drawing_of(scene: Scene) -> Drawing:
     """Return the drawing of a scene with two axes; raise InputError for another number of axes.
 
-    Of several weights k, the drawing has the first one, or the largest one if the first one is 0.
+    Of several weights k of the Dirichlet field, the drawing has the first, or the largest if the first is 0.
     """
     from resgrid.robots import Arm
     from resgrid.scene import build_space
@@ -221,7 +221,7 @@ def drawing_of(scene: Scene) -> Drawing:
 def is_same_circuit(one: Drawing, other: Drawing) -> bool:
     """Return whether two drawings have the same circuit.
 
-    Titles may differ, and so may starts, except the first start if it drives the circuit.
+    Titles may differ.  Starts may differ, too, except the first start of a drawing in which starts drive the circuit.
     """
 
     def parts(drawing: Drawing) -> tuple[object, ...]:

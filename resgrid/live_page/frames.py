@@ -48,15 +48,17 @@ def describe(frame: SolvedDrawing) -> tuple[dict[str, Any], list[bytes]]:
 
     Keys: ``exact`` (whether the solution is direction-safe), ``paths`` (dictionary for each path, with ``outcome``,
     number of ``points``, and ``length`` and ``clearance`` in axis units or the reason as ``message``; the outcome is
-    None where a preview is too inaccurate for a path), ``seconds`` (computing time), ``methods`` (names of the
-    solvers), ``cells`` and ``cut_off`` (numbers of free cells and of those without a path to a goal), ``flat`` (names
-    of circuits of a blend without currents), ``scale`` (kind, lowest and highest value of the picture), and ``circuit``
-    (None for more than 10 cells per axis), which is absent unless the solution has exactly one operating point.
+    None where a preview, a quick solution during a mouse gesture, is too inaccurate for a path), ``seconds`` (computing
+    time), ``methods`` (names of the solvers), ``cells`` and ``cut_off`` (numbers of free cells, and of free cells
+    without a path to a goal), ``flat`` (list with the name of that circuit of a blend that carries no current, empty if
+    both do), ``scale`` (``kind``, ``low`` and ``high``: quantity, lowest and highest value of the picture), and
+    ``circuit`` (resistors and supplies; None for more than 10 cells per axis), which is absent unless the solution has
+    exactly one operating point.
 
-    The arrays are the points of all paths, a picture, face currents and speeds of moving dots.  Points: float32
-    (points, 2), measured from the lower corner of the grid in cell widths, continuous across the seams of periodic
-    axes.  Picture: uint16 (nx, ny), `NO_VALUE` for cells without a value.  Currents: int8 (nx, ny, 4), through the
-    lower and the upper face across each axis, positive along the axis, ±127 for the largest current of the cell.
+    The arrays are the points of all paths, a picture, face currents and speeds of dots that show the flow.  Points:
+    float32 (points, 2), measured from the lower corner of the grid in cell widths, continuous across the seams of
+    periodic axes.  Picture: uint16 (nx, ny), `NO_VALUE` for cells without a value.  Currents: int8 (nx, ny, 4), through
+    the lower and the upper face across each axis, positive along the axis, ±127 for the largest current of the cell.
     Speeds: uint8 (nx, ny), 255 for the fastest dots.
     """
     field = frame.field
@@ -124,7 +126,8 @@ def picture_of(frame: SolvedDrawing) -> tuple[dict[str, Any], NDArray[np.uint16]
     The picture shows log10 of the drop if the field has an obstacle rail, otherwise the normalised potential.  The
     scale is a dictionary with the keys ``kind`` (``"decades"`` for log10 of the drop, ``"height"`` for the potential),
     ``low`` and ``high`` (lowest and highest of these values).  Pixel values from 0 to 65534 are linear between low and
-    high; 65535 marks cells that are neither goal cells nor connected to a goal.  `frame`: solved drawing.
+    high; 65535 marks cells without a finite value, and cells that are neither goal cells nor connected to a goal.
+    `frame`: solved drawing.
     """
     field = frame.field
     goal, log_drop = field.space.cell == Cell.GOAL, _log_drop(frame)
@@ -168,9 +171,10 @@ def _log_drop(frame: SolvedDrawing) -> NDArray[np.float64] | None:
 
 
 def _log_drop_of(field: AnyField) -> NDArray[np.float64] | None:
-    """Return the natural logarithm of the drop of one circuit, shape of the space; None if it has no obstacle rail.
+    """Return the natural logarithm of the drop of one circuit, shape of the space; None without an obstacle rail.
 
-    In a preview, drops below 1e-7 are replaced by 1e-7, the error of the preview.
+    In a preview (quick solution during a mouse gesture), drops below 1e-7 are replaced by 1e-7, because normwise
+    accuracy does not resolve them.
     """
     if field.log_drop is not None:
         return at_cells(field, field.log_drop)
@@ -183,8 +187,8 @@ def _currents(field: AnyField) -> tuple[NDArray[np.int8], NDArray[np.uint8]]:
     """Return the relative face currents int8 (nx, ny, 4) and the speeds of the moving dots uint8 (nx, ny).
 
     Currents flow through the lower and the upper face across each axis, positive along the axis; the largest current of
-    the cell is ±127.  Only free cells have currents.  The speed is 255 at large currents, and 0 in cells without a
-    current.
+    each cell is ±127.  Only free cells have currents.  The speed is 255 at large currents, falls with their logarithm
+    to at least 51, and is 0 in cells without a current.
     """
     if isinstance(field, LatticeField):
         flow, largest = flows(field)
@@ -209,9 +213,9 @@ def _currents(field: AnyField) -> tuple[NDArray[np.int8], NDArray[np.uint8]]:
 def _speed(largest: NDArray[np.float64], flowing: NDArray[np.bool_]) -> NDArray[np.uint8]:
     """Return the speeds of the moving dots, uint8 (nx, ny).
 
-    The speed is 255 from the 98th percentile of the currents on, falls linearly with their logarithm, and is at least
-    51; in cells without a current it is 0.  `largest` (nx, ny): natural logarithm of the largest current of each cell;
-    `flowing` (nx, ny): mask of the cells with a current.
+    The speed is 255 for currents above their 98th percentile, and falls linearly with the logarithm of smaller currents
+    to at least 51; in cells without a current it is 0.  `largest` (nx, ny): natural logarithm of the largest current of
+    each cell; `flowing` (nx, ny): mask of the cells with a current.
     """
     decades = largest / np.log(10.0)
     top = np.quantile(decades[flowing], 0.98) if flowing.any() else 0.0
@@ -224,14 +228,14 @@ def probe(frame: SolvedDrawing, cell: Sequence[int]) -> dict[str, Any]:
 
     Keys: `cell`: index along each axis; `centre`: centre of the cell, in axis units; `kind`: ``"free"``, ``"obstacle"``
     or ``"goal"``; `conductivity`: relative conductivity; `potential`: normalised potential, 0 to 1, NaN in a cell
-    without a node; `volts`: voltage of the node, None for a blend and for a preview of a circuit that current sources
-    drive; `drop_decades`: log10 of the drop, None without an obstacle rail; `amperes`: currents through the lower and
-    the upper face across the first axis, then across the second, positive along the axis, or, for other lattices than
-    "square", `steps`: lists of an arrow (character such as "↗"), the current along a step to a neighbour, positive
-    outwards, and whether paths take this step; `bits`: bits of an analogue-to-digital converter that resolve the
-    voltage step to the neighbour with the lowest potential, None if unknown; `exact`: whether the solution is
-    direction-safe; `proved`: sentences on proved properties.  Where `volts` is None, the currents are those of a
-    circuit in which the potential 1 is the supply.
+    without a node; `volts`: voltage of the node, None for a blend, and for a preview (quick solution during a mouse
+    gesture) of a circuit that current sources drive; `drop_decades`: log10 of the drop, None without an obstacle rail;
+    `amperes`: currents through the lower and the upper face across the first axis, then across the second, positive
+    along the axis, or, for other lattices than "square", `steps`: lists of an arrow (character such as "↗"), the
+    current along a step to a neighbour, positive outwards, and whether paths take this step; `bits`: bits of an
+    analogue-to-digital converter that resolve the voltage step to the neighbour with the lowest potential, None if
+    unknown; `exact`: whether the solution is direction-safe; `proved`: sentences on proved properties.  Where `volts`
+    is None, the currents are those of a circuit in which the potential 1 is the supply.
 
     `frame`: the solved drawing; `cell`: index along each axis.  Raises InputError for a cell outside the grid.
     """
@@ -277,8 +281,8 @@ def _currents_of(field: AnyField, index: tuple[int, int], unit: float) -> dict[s
 def _proved(frame: SolvedDrawing, index: tuple[int, int]) -> list[str]:
     """Return statements about a cell that are proved for this solution, as sentences, for the display.
 
-    The list is empty for cells that are not free or not connected to a goal; for a preview its only entry states that
-    nothing is certified.  `index`: index of the cell along each axis.
+    The list is empty for cells that are not free or not connected to a goal.  For a preview (quick solution during a
+    mouse gesture), the only sentence states that nothing is certified.  `index`: index of the cell along each axis.
     """
     if not frame.exact:
         return ["preview: not certified"]
@@ -297,8 +301,8 @@ def _bits(frame: SolvedDrawing, index: tuple[int, ...]) -> float | None:
     """Return the bits of an analogue-to-digital converter that resolve the voltage step from a cell to a neighbour.
 
     The neighbour is the one with the lowest potential.  The result is None for cells that are not free, for blends of
-    two circuits, for previews without an operating point, and for lattices other than "square".  `index`: index of the
-    cell along each axis.
+    two circuits, for previews (quick solutions during a mouse gesture) without an operating point, and for lattices
+    other than "square".  `index`: index of the cell along each axis.
     """
     from resgrid.chip.adc_resolution import analyse_adc_resolution
 

@@ -1,6 +1,6 @@
 """Page data of lattices other than "square": potential and currents per cell, and all nodes and resistors.
 
-The page shows one node per cell: the site of the cell that is nearest to its centre.
+The page shows one node per cell: the site (place of a node) that is nearest to the centre of the cell.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ _ARROWS = "→↗↑↖←↙↓↘"
 
 
 def at_cells(field: AnyField, values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return one value of a field per cell, in the shape of its space.
+    """Return one value of a field per cell, in the shape of the field's space.
 
-    For a lattice this is the value at the site that is nearest to the centre of the cell.  `values`: one value per
-    cell, or per site of the lattice.
+    For a lattice this is the value at the site (place of a node) that is nearest to the centre of the cell.  `values`:
+    one value per cell, or for a lattice one value per site.
     """
     return values.ravel()[field.lattice.central_sites] if isinstance(field, LatticeField) else values
 
 
 def flows(field: LatticeField) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the flow through the node of each cell (nx, ny, 2), and the logarithm of its largest current (nx, ny).
+    """Return the flow through the node of each cell (nx, ny, 2), and the log of the node's largest current (nx, ny).
 
     A flow is the sum of the currents along all steps times their unit vectors, relative to the largest current of the
     node.  Each component is divided by the cell width of its axis, in multiples of the smallest cell width.  The

@@ -1,4 +1,4 @@
-"""Start and stop of the live page."""
+"""Start and stop of the live page, by its own server or as a widget in a notebook."""
 
 from __future__ import annotations
 
@@ -42,7 +42,18 @@ Instead of a larger drawing, a blank one with this number of cells per axis is s
 
 
 class LivePage:
-    """A live page and its server.
+    """A live page and its server; `close`, or the end of a ``with`` block, stops the server.
+
+    Parameters
+    ----------
+    drawing : Drawing
+        Initial drawing.
+    host : str
+        Address of the server.
+    port : int
+        Port of the server; 0 for any free port.
+    read_only : bool
+        Whether visitors can only change the Dirichlet weight k and the starts.
 
     Attributes
     ----------
@@ -131,10 +142,10 @@ def live(
     read_only : bool
         Whether visitors can only change the Dirichlet weight k and the starts.
     browser : bool
-        Whether to open the page in a browser.
+        Whether to open the page in a browser; without effect for a widget, like `host` and `port`.
     widget : bool, optional
         Whether to return a notebook widget, which runs in the notebook's kernel without a server; by default true in
-        the kernel of a notebook.
+        the kernel of a notebook, otherwise false.
 
     Returns
     -------

@@ -29,15 +29,19 @@ _PAGE_WORDS = {
     "--drive uniform": "the uniform drive",
     "boundary = 'neumann'": "k = 0",
 }
-"""Words for a control of the page, by the text in error messages that names an option of the command line, or a key of
-a scene, with the same effect; the texts are replaced in this order.
+"""Replacements in error messages: a text that names an option of the command line or a key of a scene, and the words
+for the control of the page with the same effect.  The texts are replaced in this order.
 """
 
 _Point = Annotated[tuple[float, ...], Strict(False), Len(2, 2)]
 
 
 class AxisHead(TableModel):
-    """An axis of a drawing in the JSON head of a message, with the fields of `Axis`."""
+    """An axis of a drawing in the JSON head of a message.
+
+    `name`: name; `lower`, `upper`: limits in axis units; `cells`: number of cells; `periodic`: whether the ends are
+    joined; `unit`: unit of the axis, empty for none.
+    """
 
     name: Annotated[str, Len(1, 40)]
     lower: float
@@ -48,7 +52,14 @@ class AxisHead(TableModel):
 
 
 class DrawingHead(TableModel):
-    """The fields of a `Drawing`, except for its cells, in the JSON head of a message."""
+    """A drawing without its cells in the JSON head of a message: title, axes, and settings of the circuit.
+
+    `edge`: boundary of each axis; `palette`: relative conductivities of cells; `starts`: points in axis units; `k`:
+    weight of the Dirichlet field; `wall`: wall resistance in ohms, 0 for no wall; `leak`: leak to the obstacle rail, in
+    1 / (unit of the axes)^2; `lattice`: name of the lattice; `driven`: whether the starts drive the circuit; `chip`:
+    keys and values of the ``[chip]`` table; `world`: document of an arm's scene, None without an arm; `broken`: open
+    resistors, as cell (i, j) and axis; `goal_points`: flat index of a goal cell and two coordinates of its goal.
+    """
 
     title: Annotated[str, Len(0, 200)] = ""
     axes: Annotated[list[AxisHead], Len(2, 2)]
@@ -121,7 +132,8 @@ def read_drawing(head: DrawingHead | None, body: bytes) -> Drawing:
     """Return the drawing of a request; raise InputError if the drawing is missing or inconsistent.
 
     Goal configurations in cells that are not goal cells are dropped.  `head`: fields of the drawing, None if they are
-    missing; `body`: one byte per cell, in C order: the cell's code plus 4 times the index of its conductivity.
+    missing; `body`: one byte per cell, in C order: the cell's `Cell` code plus 4 times the index of its conductivity in
+    `head.palette`.
     """
     if head is None:
         raise InputError("this request needs a drawing")
@@ -160,8 +172,8 @@ def write_drawing(drawing: Drawing) -> tuple[dict[str, Any], bytes]:
     """Return the JSON head and the body of a message with a drawing and its goal regions.
 
     The head has the keys ``drawing``, the fields of the drawing by name, and ``goals``, for each goal region the flat
-    indices (C order) of its cells.  The body has one byte per cell: the cell's code plus 4 times the index of its
-    conductivity in the field ``palette``.
+    indices (C order) of its cells.  The body has one byte per cell in C order: the cell's `Cell` code plus 4 times the
+    index of its conductivity in the field ``palette``.
     """
     space = drawing.space
     region, goals = space.goal_region.ravel(), []

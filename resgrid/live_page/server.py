@@ -111,7 +111,7 @@ def _is_own(socket: WebSocket) -> bool:
 
 
 async def _talk(socket: WebSocket, first: Drawing, read_only: bool, executor: Executor) -> None:
-    """Answer the requests of one browser in sequence, so that the browsers take turns, until it disconnects.
+    """Answer the requests of one browser, one after the other, until this browser disconnects.
 
     Transients are computed in parallel to other requests, one at a time, so that changes of the drawing do not wait for
     them. `socket`: connection to the browser; `first`: initial drawing; `read_only`: whether the visitor can only

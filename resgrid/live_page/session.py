@@ -24,8 +24,8 @@ from resgrid.live_page.solving import SolvedDrawing, WarmFields, solve_drawing
 MAX_EXACT_SECONDS = 0.035
 """Limit on the computing time of a direction-safe solution, in seconds, for its use during a mouse gesture.
 
-If the last direction-safe solution took less time, the next solution is direction-safe, too; otherwise a preview is
-computed during a gesture.
+If the last direction-safe solution took less time, the next solution is direction-safe, too; otherwise a preview (quick
+solution with normwise accuracy) is computed during a gesture.
 """
 
 _log = logging.getLogger(__name__)
@@ -36,9 +36,9 @@ class Session:
     """Session of one browser, which answers requests and stores the last solved drawings.
 
     `first`: initial drawing; `read_only`: whether the visitor can only change the Dirichlet weight k and the starts;
-    `frame`: last solved drawing; `settled`: last one that was solved after a gesture; `before`: the one before
-    `settled` with another circuit, from which a transient starts; all three are None at first; `exact_seconds`:
-    computing time of the last direction-safe solution, infinite at first.
+    `frame`: last solved drawing; `settled`: last drawing that was solved after a gesture, not during it; `before`: last
+    drawing before `settled` that was solved after a gesture and has another circuit, from which a transient starts; all
+    three are None at first; `exact_seconds`: computing time of the last direction-safe solution, infinite at first.
     """
 
     def __init__(self, first: Drawing, read_only: bool) -> None:
@@ -125,8 +125,8 @@ class Session:
     def _origin(self, drawing: Drawing) -> OperatingPoint | None:
         """Return the operating point before the last change, from which a transient of the drawing starts.
 
-        The result is None if no other circuit was solved before, or if the one before the change had other axes or was
-        a blend.
+        The result is None if no other circuit was solved before, or if the drawing before the change had other axes or
+        a blend of two circuits.
         """
         if self.before is None or self.before.drawing.axes != drawing.axes:
             return None
@@ -154,17 +154,18 @@ class Session:
         self._has_left = True
 
     def _is_wanted(self, drawing: Drawing) -> bool:
-        """Return whether a transient is still needed: the browser is connected, and the page still shows its circuit.
+        """Return whether a transient is still needed: the browser is connected, and the circuit has not changed.
 
-        `drawing`: drawing of the transient.
+        `drawing`: drawing whose transient is being computed.
         """
         return not self._has_left and (self._newer is None or is_same_circuit(self._newer, drawing))
 
     def _solve(self, drawing: Drawing, exact: bool) -> Reply:
         """Return the reply with the solution of a drawing: head (dictionary for JSON) and body (arrays as bytes).
 
-        The head is that of `describe`, with the additional key ``poses`` (joints of the arm).  `exact`: whether the
-        solution must be direction-safe; if not, it is a preview unless the last direction-safe solution was fast.
+        The head describes field and paths, and has the key ``poses`` (joints of the arm along each path).  `exact`:
+        True after a gesture, for a direction-safe solution; False during a gesture, for a preview of normwise accuracy,
+        unless the last direction-safe solution took less than 0.035 s.
         """
         if self._has_transient:
             self._newer = drawing

@@ -29,7 +29,7 @@ _FARADS = 1e-12
 """Capacitance of every node, in farads, if the drawing's chip states none."""
 
 _FIRST = 0.25
-"""Factor of the first time of a transient, which is `_FIRST` times `_RATIO` times R C.
+"""Factor of the first time of a transient: this time is `_FIRST` times `_RATIO` times R C.
 
 R and C are the nominal resistance between cells and the capacitance of a node.
 """
@@ -44,8 +44,8 @@ _STEPS = ((0.3, 24), (0.1, 12), (0.02, 6), (0.0, 3))
 """Pairs of an error and the number of coarse time steps from one time of the transient to the next.
 
 The first pair is used whose error is at most the error at the previous time, which is infinite at first.  The error at
-a time is the largest difference of the natural logarithms of levels computed with fine and with coarse steps.  The
-steps are of backward Euler; fine steps are half as long as coarse steps.
+a time is the largest difference, over all nodes, of the natural logarithms of a potential or drop computed with fine
+and with coarse steps of backward Euler.  Fine steps are half as long as coarse steps.
 """
 
 _VISIBLE = 0.004
@@ -63,8 +63,9 @@ def settle(
     to a goal). A pixel value from 0 to 65534 is linear between the lowest and the highest value of the steady-state
     field (potential, or log10 of the drop); 65535 marks cells without a value, such as obstacles. The head has the keys
     ``times`` and ``from_rest`` (whether the initial state is zero voltage). The last picture is the steady state. The
-    initial state is the operating point `before`, or zero voltage if `before` is None or its picture equals the last
-    one. The function `is_wanted` is called before every time step; InputError is raised if it returns False.
+    initial state is the operating point `before`, or zero voltage if `before` is None or hardly differs from the steady
+    state. The function `is_wanted` is called before every time; InputError is raised if it returns False. `drawing`:
+    drawing of one circuit, not of a blend.
     """
     if not drawing.driven and 0.0 < drawing.k < 1.0:
         raise InputError("a blend consists of two chips: choose k = 0 or k = 1 for the transient of one chip")
@@ -110,9 +111,10 @@ def _transient(
     cells with a path to a goal keep the pixel value of the steady state (65535 in obstacles: no value) and have NaN
     volts.
 
-    The result is None if the initial picture equals the steady state. `frame`: solved drawing; `op`: steady state;
+    The circuit counts as settled when no pixel differs from the steady state by more than 0.4 % of the range of pixel
+    values. The result is None if the initial picture is already settled. `frame`: solved drawing; `op`: steady state;
     `before`: initial operating point, None for zero voltage; `farads`: capacitance of every node; `is_wanted`: function
-    that is called before every time step, and returns False to stop the computation.
+    that is called before every time, and returns False to stop the computation by InputError.
     """
     cells, wiring = op.netlist.cells, frame.field.wiring
     scale, steady = picture_of(frame)
@@ -184,9 +186,7 @@ def _first_levels(op: OperatingPoint, before: OperatingPoint | None, unit: float
 
 
 def _levels(netlist: Netlist, start: NDArray[np.float64], unit: float) -> Iterator[NDArray[np.float64]]:
-    """Yield the potentials or drops (nodes,) of all nodes at the times ``unit _FIRST _RATIO**k``, ``k = 1, 2, ...``.
-
-    At most `_MAX_TIMES` values are yielded, one per time.
+    """Yield the potentials or drops (nodes,) of all nodes at the times ``0.25 * 1.4**k * unit``, ``k = 1, ..., 80``.
 
     The values are extrapolated from coarse and fine steps of backward Euler.  The geometric extrapolation ``fine**2 /
     coarse`` has second order and keeps all values positive.  `netlist`: circuit whose node voltages are potentials or

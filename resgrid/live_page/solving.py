@@ -35,7 +35,10 @@ _TOLERANCE = 1e-6
 
 
 class WarmFields:
-    """Solver of previews of chips without imperfections; an iteration starts from the fields of the previous call."""
+    """Solver of previews (quick solutions during a mouse gesture) of chips without imperfections.
+
+    Each call starts its iteration from the fields of the previous call.
+    """
 
     def __init__(self) -> None:
         self._starts: dict[str, WarmStart] = {}
@@ -43,8 +46,8 @@ class WarmFields:
     def solve(self, problem: Problem) -> Solution:
         """Return the fields of a problem with normwise accuracy, without operating points.
 
-        Raises CircuitError or AccuracyError if a circuit carries no current or is too stiff; after an error, the next
-        call starts without previous fields.
+        Raises CircuitError if a circuit carries no current, AccuracyError if a circuit is too stiff; after an error,
+        the next call starts without previous fields.
         """
         pure = dict[str, Field]()
         for name, wiring in problem.wirings.items():
@@ -59,10 +62,10 @@ class WarmFields:
 
 @dataclass(frozen=True, eq=False)
 class SolvedDrawing:
-    """The solution of a drawing.
+    """The solution of a drawing: direction-safe, or a preview (quick solution during a mouse gesture).
 
-    `drawing`: the drawing; `solution`: its circuits and fields; `paths`: one per start, None where the field of a
-    preview is too inaccurate for a path; `exact`: whether the field is direction-safe and the paths are certified
+    `drawing`: the drawing; `solution`: circuits and fields of the drawing; `paths`: one per start, None where the field
+    of a preview is too inaccurate for a path; `exact`: whether the field is direction-safe and the paths are certified
     (False for a preview); `seconds`: computing time in seconds.
     """
 
@@ -81,7 +84,9 @@ class SolvedDrawing:
     def volts_per_potential(self) -> float | None:
         """Voltage above the goal rail, in volts, where the potential is 1.
 
-        None for a blend, which is no single circuit, and for a preview of a circuit that current sources drive.
+        This is the supply if the obstacle rail drives the circuit.  For a circuit that current sources drive, it is the
+        highest voltage of a free node; it is None if there is no operating point with voltages, as in a preview (quick
+        solution during a mouse gesture) that starts from the previous fields.  None also for a blend of two circuits.
         """
         if not self.field.wiring.is_driven:
             return None if 0.0 < self.drawing.k < 1.0 else float(self.field.wiring.supply)
@@ -92,8 +97,8 @@ class SolvedDrawing:
 def potential_scale(op: OperatingPoint) -> float:
     """Return the voltage above the goal rail, in volts, where the potential is 1.
 
-    It is the supply where an obstacle rail drives the circuit; else the largest voltage by magnitude, with its sign, of
-    a free node above the goal rail. `op`: operating point.
+    The result is the supply where an obstacle rail drives the circuit; otherwise the voltage above the goal rail of the
+    free node with the largest magnitude of this voltage, with its sign, or 1 V if this voltage is 0.
     """
     wiring, free = op.netlist.cells.wiring, op.netlist.cells.free_node
     if not wiring.is_driven:
@@ -105,9 +110,10 @@ def potential_scale(op: OperatingPoint) -> float:
 def solve_drawing(drawing: Drawing, *, exact: bool, warm: WarmFields | None = None) -> SolvedDrawing:
     """Return the solution of a drawing, with a path for every start; raise InputError without a goal.
 
-    `exact`: whether to compute a direction-safe field and certified paths, otherwise a preview; `warm`: solver of
-    previews for ideal chips, which starts from the previous fields, None to solve without previous fields.  Lattices
-    other than "square" have no previews: their solutions are always direction-safe.
+    `exact`: True for a direction-safe field and certified paths, False for a preview (quick solution with normwise
+    accuracy, paths not certified); `warm`: solver of previews of ideal chips that starts from the previous fields, None
+    to solve without previous fields.  Lattices other than "square" have no previews: their solutions are always
+    direction-safe.
     """
     began = time.perf_counter()
     if not (drawing.cell == Cell.GOAL).any():

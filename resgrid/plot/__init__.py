@@ -1,4 +1,4 @@
-"""Pictures: functions that draw a value on matplotlib axes (`ax`) and return them; `save_figure` writes a file.
+"""Pictures: functions that draw a value on matplotlib axes (`ax`) and return the axes; `save_figure` writes a file.
 
 Only this package imports matplotlib.
 

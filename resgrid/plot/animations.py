@@ -1,4 +1,7 @@
-"""Animations of runs, of trajectories of arms, and of wavefronts, as GIF with one palette, or as MP4 by ffmpeg."""
+"""Animations of controlled runs, trajectories of arms, and map changes that spread through the grid (wavefronts).
+
+The files are GIF with one palette for all frames, or MP4 by ffmpeg.
+"""
 
 from __future__ import annotations
 
@@ -51,7 +54,7 @@ MOST_FRAMES = 600
 _COLOURS = 255
 """Largest number of colours in the palette of a GIF."""
 _HELD = 12
-"""Number of additional frames that repeat the last picture at the end of an animation."""
+"""Number of additional frames that repeat the last picture at the end of the animation of a run or a trajectory."""
 
 _PANEL = 3.6
 """Width of a panel of an animation, in inches."""
@@ -72,17 +75,19 @@ def animate(
     Parameters
     ----------
     value : Run, Trajectory or Wavefront
-        A run is shown in its workspace with contact forces and, with two axes, in configuration space; the title states
-        the control mode.  A trajectory of an arm in space is shown among the obstacles of `scene`.  A wavefront must
-        have a space with two axes, and is shown at each of its times.
+        A run is shown in its workspace with contact forces and, if its space has two axes, also in configuration space;
+        the title states the control mode.  A trajectory of an arm in space is shown among the obstacles of `scene`.  A
+        wavefront must have a space with two axes, and is shown at each of its times.
     file : path-like
         The suffix ``.gif`` or ``.mp4`` selects the format; MP4 needs ffmpeg.  The file is written atomically.
     run : Run, optional
-        For a wavefront: run of a robot whose position at the time of the frame is marked in each frame.
+        For a wavefront: run of a robot whose position at the time of the frame is marked in each frame; by default no
+        robot is shown.
     scene : Scene, optional
-        For a trajectory: scene with the arm and its obstacles.
+        For a trajectory, and required there: scene with the arm and its obstacles.
     count : int
-        Number of frames of a run or a trajectory, evenly spaced in time; the last frame is repeated 12 times.
+        Number of frames of a run or a trajectory, 2 to 588, evenly spaced in time; the last frame is repeated 12 times.
+        A run has further frames at the steps in which control learns obstacles.  Ignored for a wavefront.
     rate : float
         Frames per second, at most 100.
     progress : callable, optional
@@ -246,8 +251,8 @@ def _run_frames(run: Run, count: int) -> Iterator[Figure]:
 def frame_rows(run: Run, count: int) -> NDArray[np.int64]:
     """Return the row indices (n,) of a run's log that are shown as frames, ascending.
 
-    The rows are those of `count` evenly spaced times, the last row, and the first `count` rows in which control learns
-    obstacle cells.  Of these lessons, only the earliest are shown if there would be more than 588 frames.
+    The rows are those of `count` evenly spaced times, the last row, and the rows of the first `count` lessons (steps in
+    which control adds obstacle cells to its map).  Later lessons are left out if there would be more than 588 frames.
     """
     times = np.linspace(run.time[0], run.time[-1], count)
     rows = np.searchsorted(run.time, times).clip(0, len(run.time) - 1)
@@ -342,7 +347,8 @@ def _wavefront_frames(front: Wavefront, run: Run | None) -> Iterator[Figure]:
 def _places(front: Wavefront, run: Run) -> NDArray[np.float64]:
     """Return the robot's positions (times, 2) in world coordinates at the times of a wavefront.
 
-    A wavefront measures time in cells that the robot crosses at its largest speed; `run`: log of the robot's motion.
+    Time n of a wavefront is the time in which the robot, at the largest speed in the log `run`, crosses n of the
+    shortest cell widths.
     """
     speeds = np.linalg.norm(run.velocity, axis=1)
     seconds = front.cells * float(front.after.spacing.min()) / max(float(speeds.max()), 1e-300)

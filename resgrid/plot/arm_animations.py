@@ -34,7 +34,7 @@ _GHOST = 0.25
 def arm_frames(trajectory: Trajectory, scene: Scene, count: int, held: int) -> Iterator[Figure]:
     """Yield the figure of an arm along a trajectory, redrawn for each of `count` evenly spaced times.
 
-    `held`: number of additional frames that repeat the last one.
+    `scene`: scene with the arm and its obstacles; `held`: number of additional frames that repeat the last frame.
     """
     times = np.linspace(0.0, trajectory.duration, _DENSE)
     motion = trajectory.at(times)[0]

@@ -42,7 +42,7 @@ _BEYOND = 1.15
 """Half the side of the cube around the base in which obstacles are shown, as a multiple of the robot's reach."""
 
 _HIDDEN_DEPTH = 0.02
-"""Depth in metres below a surface from which a line is drawn as hidden."""
+"""Depth in metres: a line is drawn as hidden where it lies farther than this depth behind the nearest surface."""
 
 
 _NOWHERE = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
@@ -97,6 +97,15 @@ class ArmPicture(SpaceView):
         Further points in the world that the picture must contain.
     side : int
         Number of pixels along the longer side, before the image is reduced to half this size.
+
+    Attributes
+    ----------
+    solids, regions : list of Shape
+        Obstacles without half-spaces, and goal regions.
+    lower, upper : ndarray of float64, shape (3,)
+        Corners of the box that contains everything shown, in metres, at most 1.15 times the reach from the arm's base.
+    step : float
+        Distance of the lines of the floor's grid, in metres.
     """
 
     def __init__(
@@ -148,7 +157,10 @@ class ArmPicture(SpaceView):
         return group if not behind else replace(group, triangles=group.triangles + behind * self.camera.rotation[2])
 
     def fixed(self, shapes: Sequence[Shape]) -> _Group:
-        """Return the triangles of obstacles or goal regions; half-spaces are cut to the shown box."""
+        """Return the triangles of obstacles or goal regions, in the world.
+
+        Half-spaces are cut to the shown box, which stands on the floor's grid and ends at the highest shown point.
+        """
         (x0, y0, z), (x1, y1, _) = self.floor_corners[[0, 3]].tolist()
         box = ((x0, y0, z), (x1, y1, float(self.upper[2])))
         return _group(shape_surfaces(shapes, "shape", box), np.empty((0, 4, 4)))
@@ -158,9 +170,9 @@ class ArmPicture(SpaceView):
         return render(group.triangles, group.owner, colour, self.camera, self.window, opacity)
 
     def surroundings(self) -> list[Layer]:
-        """Return the images of obstacles, hidden obstacles and goal regions.
+        """Return one image each of obstacles, hidden obstacles, goal regions, and half-spaces that are not a floor.
 
-        A floor is not included, because it is drawn with its grid.
+        Kinds without a body are left out.  The floor is left out, because `prepare` draws it with its grid.
         """
         walls = [shape for shape in self.scene.obstacles if isinstance(shape, HalfSpace) and not is_floor(shape)]
         kinds: tuple[tuple[Sequence[Shape], str, float], ...] = (
@@ -271,9 +283,10 @@ def draw_arm(
 
 
 def draw_tool_paths(paths: Sequence[AnyPath], scene: Scene, ax: Axes | None = None) -> Axes:
-    """Draw the paths of an arm's tool and the surroundings in space; return the axes.
+    """Draw the paths of an arm's tool, with obstacles and goals, in space; return the axes.
 
-    `ax`: axes to draw on, by default those of a new figure.
+    `paths`: paths of the arm in configuration space; `scene`: scene with the arm; `ax`: axes to draw on, by default
+    those of a new figure.
     """
     motions = [dense_motion(path, scene) for path in paths]
     lines = [scene.robot.reference_point(motion) for motion in motions]
@@ -306,8 +319,8 @@ def _prepared(picture: ArmPicture, ax: Axes | None) -> Axes:
 def _group(surfaces: Iterable[Surface], frames: NDArray[np.float64]) -> _Group:
     """Return the triangles of surfaces in the world.
 
-    `surfaces`: surfaces of bodies, each with the index of the joint that moves it, -1 for none; `frames` (k, 4, 4):
-    poses of the joints in the world.
+    `surfaces`: surfaces of bodies, each with the index of the joint that moves the body, -1 for a body at rest;
+    `frames` (k, 4, 4): poses of the joints in the world, as homogeneous matrices.
     """
     triangles, owner = [np.empty((0, 3, 3))], [np.empty(0, dtype=np.int64)]
     for number, surface in enumerate(surfaces):

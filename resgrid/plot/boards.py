@@ -1,4 +1,4 @@
-"""Pictures of boards: the plan of solder bridges, or the board of one scene with its expected voltages."""
+"""Pictures of resistor boards: a plan of the cells with solder bridges or expected voltages, and both sides."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def _write(ax: Axes, words: str, at: tuple[float, float], height: float, turn: i
 
 
 def _draw_pads(placed: PlacedFootprint, ax: Axes, side: str) -> None:
-    """Draw the pads and holes of a part on the side "front" or "back"."""
+    """Draw the pads and holes of a part on one side; `side`: "front" for all pads, "back" for pads with a hole."""
     for pad in placed.footprint.pads:
         (x, y), (width, height) = placed.place_of(pad), placed.size_of(pad)
         if pad.number and (pad.drill or side == "front"):
@@ -139,8 +139,9 @@ def _draw_plan(board: Board, ax: Axes) -> Axes:
 
 
 def _draw_cell(board: Board, ax: Axes, at: tuple[int, int], kind: Cell, points: float) -> None:
-    """Draw one cell of the plan, with its letter or its voltage if the cell is large enough.
+    """Draw one cell of the plan, with its text if the cell is large enough.
 
+    The text is the letter of the bridge to close on a board with jumpers, otherwise the expected voltage in volts.
     `at`: column and row of the cell; `kind`: free, obstacle or goal; `points`: width of a cell in points.
     """
     is_plan = board.kind == "jumpers"
@@ -158,7 +159,10 @@ def _draw_cell(board: Board, ax: Axes, at: tuple[int, int], kind: Cell, points: 
 
 
 def _title(board: Board) -> str:
-    """Return the title of the plan: the board's title, and the number of bridges to close or the supply voltage."""
+    """Return the title of the plan: the board's title, and the number of bridges to close (board with jumpers).
+
+    For a board without jumpers, the title has the supply voltage in place of the number of bridges.
+    """
     count = len(board.closed)
     if board.kind == "jumpers":
         bridges = "1 bridge" if count == 1 else f"{count} bridges"

@@ -34,7 +34,7 @@ from resgrid.scene.chip import Chip
 from resgrid.scene.table_models import described_keys
 
 _MOST_LABELS = 80
-"""Largest number of points of a sweep for which the yield at every point is also written as a number."""
+"""Largest number of pairs of values in a sweep for which the yield of every pair is also written as a number."""
 _CONTOUR = "#E69F00"
 _FRACTIONS = {"mismatch", "defects.open_density", "defects.short_density"}
 """Keys of a chip with dimensionless fractions, which are labelled in per cent."""
@@ -43,17 +43,18 @@ _FRACTIONS = {"mismatch", "defects.open_density", "defects.short_density"}
 def draw_settled(result: Settling, ax: Axes | None = None, *, quantity: Literal["map", "curve"] = "map") -> Axes:
     """Draw the settling of a chip, as a map of times per cell or as a curve over time; return the axes.
 
-    `ax`: axes to draw on, by default those of a new figure; `quantity`: "map" for the settling time of every cell,
-    "curve" for the largest distance of a node voltage from its final value over time.
+    `ax`: axes to draw on, by default those of a new figure; `quantity`: "map" for the settling time of every cell in
+    seconds, "curve" for the largest distance of any node voltage from its final value, in volts, over time.
     """
     return draw_settling(result, ax) if quantity == "map" else draw_settling_curve(result, ax)
 
 
 def draw_settling_curve(result: Settling, ax: Axes | None = None) -> Axes:
-    """Draw the largest distance of a node voltage from its final value over time, in volts; return the axes.
+    """Draw the largest distance of any node voltage from its final value, in volts, over time; return the axes.
 
-    A second curve decays with the slowest time constant; a horizontal line marks half a step of the read-out's
-    converter, at which the chip counts as settled.  `ax`: axes to draw on, by default those of a new figure.
+    A second curve decays exponentially with the slowest time constant.  A horizontal line marks half a step of the
+    read-out's converter; the chip counts as settled from where the curve stays below.  `ax`: axes to draw on, by
+    default those of a new figure.
     """
     axes = axes_or_new(ax, 0.7)
     band = result.span / 2.0 ** (result.bits + 1)
@@ -85,9 +86,11 @@ def draw_adc_resolutions(
 ) -> Axes | Figure:  # fmt: skip
     """Draw the converter bits that the starts of several chips require; return the axes, or the figure of a page.
 
-    `results`: resolutions by the name that the legend shows, such as that of a boundary condition; `ax`: axes to draw
-    on, by default those of a new figure; `quantity`: "page" (maps, histogram and curve), "served" (fraction of starts
-    served) or "histogram"; `bits`: resolution that is marked, in bits; `title`: title of the page.
+    A start requires the bits that resolve the voltage step to the lowest neighbour in every cell of its path to a goal.
+    `results`: resolutions by the name that the legend shows, such as the name of a boundary condition; `ax`: axes to
+    draw on, by default those of a new figure, must be None for a page; `quantity`: "page" (maps, histogram and curve),
+    "served" (fraction of starts that require at most the bits on the horizontal axis) or "histogram" of required bits;
+    `bits`: resolution that is marked, in bits; `title`: title of the page, ignored without a page.
     """
     if quantity == "served":
         return _draw_served(results, ax, bits)
@@ -99,7 +102,7 @@ def draw_adc_resolutions(
 
 
 def _draw_served(results: Mapping[str, ADCResolution], ax: Axes | None, bits: int) -> Axes:
-    """Draw the fraction of starts that a read-out serves against its resolution in bits; return the axes.
+    """Draw the fraction of starts that require at most a number of bits, against this number; return the axes.
 
     `results`: resolutions by the name that the legend shows; `ax`: axes to draw on, None for a new figure; `bits`:
     resolution that is marked.
@@ -121,8 +124,9 @@ def _draw_served(results: Mapping[str, ADCResolution], ax: Axes | None, bits: in
 def _draw_histogram(results: Mapping[str, ADCResolution], ax: Axes | None, bits: int) -> Axes:
     """Draw the histogram of the whole numbers of bits that starts require; return the axes.
 
-    A start that requires 9.3 bits counts at 10.  `results`: resolutions by the name that the legend shows; `ax`: axes
-    to draw on, None for a new figure; `bits`: resolution that is marked.
+    A start that requires 9.3 bits counts at 10; starts for which no number of bits suffices are left out.  `results`:
+    resolutions by the name that the legend shows; `ax`: axes to draw on, None for a new figure; `bits`: resolution that
+    is marked.
     """
     axes = axes_or_new(ax, 0.6)
     most = int(np.ceil(_most_bits(results, bits)))
@@ -138,7 +142,7 @@ def _draw_histogram(results: Mapping[str, ADCResolution], ax: Axes | None, bits:
 
 
 def _adc_resolution_page(results: Mapping[str, ADCResolution], bits: int, title: str) -> Figure:
-    """Return a figure with one map per result, the histogram of required bits, and the fraction of starts served.
+    """Return a figure with a map per result, a histogram of required bits, and their cumulative fraction of starts.
 
     `results`: resolutions by the name that titles and legend show; `bits`: resolution that is marked; `title`: title of
     the page.
@@ -175,16 +179,17 @@ def _most_bits(results: Mapping[str, ADCResolution], bits: int) -> float:
 
 
 def _largest(result: ADCResolution) -> float:
-    """Return the largest finite number of bits that a start requires, at least 1."""
+    """Return the largest finite number of bits that a start requires; 1 if this number is smaller than 1."""
     finite = result.starts[np.isfinite(result.starts)]
     return float(finite.max(initial=1.0))
 
 
 def draw_sweep(result: Sweep, ax: Axes | None = None, *, share: float = 0.99) -> Axes:
-    """Draw the yield (mean fraction of served starts) over two parameters of a chip, with contours; return the axes.
+    """Draw the yield over two parameters of a chip, with contours; return the axes.
 
-    `ax`: axes to draw on, by default those of a new figure; `share`: required yield, 0 to 1: for each value of the
-    first parameter, the smallest value of the second parameter with at least this yield is marked.
+    The yield is the fraction of all starts on all chips from which a robot reaches a goal, in percent.  `ax`: axes to
+    draw on, by default those of a new figure; `share`: required yield, 0 to 1.  For each value of the first parameter,
+    a mark shows the first value of the second parameter from which on all values have at least this yield.
     """
     axes = axes_or_new(ax, 0.8)
     values = 100.0 * result.share.T
@@ -217,7 +222,7 @@ def draw_sweep(result: Sweep, ax: Axes | None = None, *, share: float = 0.99) ->
 
 
 def _mark_cheapest(result: Sweep, share: float, axes: Axes) -> None:
-    """Mark the smallest value of the second parameter that serves the fraction `share` of the starts.
+    """Mark the first value of the second parameter from which on all values have at least the yield `share` (0 to 1).
 
     There is one mark for each value of the first parameter; none if no value of the second parameter suffices.
     """

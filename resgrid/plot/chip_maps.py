@@ -41,7 +41,7 @@ Resistors that change a step only at a larger drift are omitted.
 """
 
 _HEAT_DECADES = 5.0
-"""Range of the logarithmic colour scale of heat, in decades below the hottest cell.
+"""Number of powers of ten that the logarithmic colour scale of heat covers, counted down from the hottest cell.
 
 Colder cells have the lowest colour.
 """
@@ -50,15 +50,15 @@ _NOISE = {
     "limit": ("rms noise, all frequencies", "V"),
     "resistance": ("resistance to the rails", "Ω"),
 }
-"""Colour bar label and unit of each quantity of the noise."""
+"""Colour bar label and unit of each quantity of the noise, by the name of the quantity."""
 _POWER = {"heat": ("heat per cell", "W"), "droop": ("droop of rail cells", "V")}
 
 
 def draw_settling(result: Settling, ax: Axes | None = None) -> Axes:
-    """Draw a map of the settling time of every cell, in seconds; return the axes (`ax`, or those of a new figure).
+    """Draw a map of the settling time of every free cell, in seconds; return the axes (`ax`, or those of a new figure).
 
-    From its settling time on, the voltage of a cell differs from its final value by at most half a step of the
-    converter.
+    From the settling time of a cell on, the voltage of the cell differs from the final value by at most half a step of
+    the read-out's converter.
     """
     values = _of_free_cells(result.netlist.cells, result.node_time)
     axes = draw_map(result.netlist.cells.space, values, ax, f"time to settle to {result.bits} bits", "s")
@@ -70,10 +70,11 @@ def draw_settling(result: Settling, ax: Axes | None = None) -> Axes:
 def draw_noise(
     result: Noise, ax: Axes | None = None, *, quantity: Literal["total", "limit", "resistance"] | None = None
 ) -> Axes:
-    """Draw the rms thermal noise of every cell, or its resistance to the rails; return the axes.
+    """Draw the rms thermal noise of the voltage of every free cell, or the cell's resistance to the rails.
 
-    `ax`: axes to draw on, by default those of a new figure; `quantity`: "total" (V, within the band), "limit" (V, all
-    frequencies) or "resistance" (Ω); by default "total" if a band was analysed, otherwise "resistance".
+    Returns the axes.  `ax`: axes to draw on, by default those of a new figure; `quantity`: "total" (V, within the
+    band), "limit" (V, all frequencies) or "resistance" (Ω); by default "total" if a band was analysed, otherwise
+    "resistance".
     """
     shown = quantity or ("resistance" if result.total is None else "total")
     label, unit = _NOISE[shown]
@@ -91,9 +92,9 @@ def draw_noise(
 def draw_power(result: Power, ax: Axes | None = None, *, quantity: Literal["heat", "droop"] = "heat") -> Axes:
     """Draw the heat of every free cell and the hottest resistors, or the droop of the rails; return the axes.
 
-    The droop is the magnitude of the voltage difference between a cell on a rail (obstacle or goal) and an ideal rail.
-    The hottest resistors are those of `result.worst()`.  `ax`: axes to draw on, by default those of a new figure;
-    `quantity`: "heat" (W) or "droop" (V).
+    The heat of a cell is half the dissipated power of the resistors at its node.  At most 10 hottest resistors are
+    marked.  The droop is the magnitude of the voltage difference between a cell on a rail (obstacle or goal) and an
+    ideal rail.  `ax`: axes to draw on, by default those of a new figure; `quantity`: "heat" (W) or "droop" (V).
     """
     label, unit = _POWER[quantity]
     netlist = result.op.netlist
@@ -118,10 +119,12 @@ def draw_power(result: Power, ax: Axes | None = None, *, quantity: Literal["heat
 
 
 def draw_sensitivity(result: Sensitivity, ax: Axes | None = None, *, drift: float = 0.01) -> Axes:
-    """Draw the resistors, coloured by the smallest drift that changes a step of the robot's path; return the axes.
+    """Draw the resistors, coloured by the smallest drift that changes a step of the robot; return the axes.
 
-    A drift is the magnitude of a relative change of one resistance.  Resistors for which a drift of at most `drift`
-    suffices are marked in red.  `ax`: axes to draw on, by default those of a new figure; `drift`: a fraction.
+    A drift is the magnitude of a relative change of one resistance.  A step leads from a cell to the neighbour with the
+    lowest voltage; white dots mark the cells with a step.  Resistors that need a drift of more than 100 % are left out.
+    Resistors for which a drift of at most `drift` (a fraction) suffices are marked in red.  `ax`: axes to draw on, by
+    default those of a new figure.
     """
     netlist = result.op.netlist
     space = netlist.cells.space
@@ -152,11 +155,11 @@ def draw_sensitivity(result: Sensitivity, ax: Axes | None = None, *, drift: floa
 def draw_adc_resolution(
     result: ADCResolution, ax: Axes | None = None, *, starts: bool = True, most: float | None = None
 ) -> Axes:
-    """Draw a map of the converter resolution, in bits, that a robot needs; return the axes.
+    """Draw a map of the resolution, in bits, that the converter of the node voltages needs; return the axes.
 
-    `ax`: axes to draw on, by default those of a new figure; `starts`: whether the value of a cell is the resolution for
-    the whole path from this cell to a goal, or only for the step from this cell to the next; `most`: upper limit of the
-    colour scale, in bits, None for the largest value.
+    `ax`: axes to draw on, by default those of a new figure; `starts`: True for the resolution of the whole path from
+    each cell to a goal, False for the step from each cell to the next cell only; `most`: upper limit of the colour
+    scale, in bits, None for the largest value.
     """
     values = result.start_bits if starts else result.cell_bits
     shown = np.where(np.isfinite(values), values, np.nan)
@@ -171,7 +174,9 @@ def draw_adc_resolution(
 
 
 def draw_yield(result: Yield, ax: Axes | None = None) -> Axes:
-    """Draw, for every start, the percentage of chips on which a robot reaches the goal; return the axes.
+    """Draw, for every free cell, the percentage of chips on which a robot that starts there reaches a goal.
+
+    Returns the axes.
 
     `ax`: axes to draw on, by default those of a new figure.
     """
@@ -185,10 +190,11 @@ def draw_yield(result: Yield, ax: Axes | None = None) -> Axes:
 
 
 def draw_faults(result: FaultAnalysis, ax: Axes | None = None, *, fault: Literal["open", "short"] = "open") -> Axes:
-    """Draw, for every resistor, the number of starts that lose their path if only it is faulty; return the axes.
+    """Draw, for every resistor, the number of starts without a path to a goal if only this resistor is faulty.
 
-    Switches and loads are squares in their cells.  `ax`: axes to draw on, by default those of a new figure; `fault`:
-    kind of the fault: "open" (no current) or "short" (a small resistance).
+    Only starts that have a path on the faultless chip are counted.  A square in a cell shows the worst fault of the
+    cell's switches, leak and read-out load, if this fault costs a start.  Returns the axes.  `ax`: axes to draw on, by
+    default those of a new figure; `fault`: kind of the fault: "open" (no current) or "short" (a small resistance).
     """
     netlist, cells = result.netlist, result.netlist.cells
     plane = plane_of(cells.space)
@@ -253,8 +259,9 @@ def draw_map(
     """Draw a map of one value per cell with its colour bar; return the axes.
 
     `values`: shape of the space, NaN in cells without a value; `ax`: axes to draw on, None for a new figure; `label`,
-    `unit`: quantity and SI unit in the colour bar; `norm`: colour scale, by default from the smallest to the largest
-    value; `log`: whether the default scale is logarithmic; `rails`: whether obstacles and goals have values, too.
+    `unit`: quantity and SI unit in the colour bar; `norm`: colour scale, None for a linear one from the smallest to the
+    largest value; `log`: True for a logarithmic scale from the smallest to the largest value in place of `norm`;
+    `rails`: True if the values of obstacles and goals (their droop) are drawn above their colours.
     """
     plane = plane_of(space)
     axes = axes_or_new(ax, plane.aspect)
@@ -294,8 +301,8 @@ def draw_resistors(
     """Draw resistors as lines between cell centres, or from a cell centre to the grid's edge; return the lines.
 
     `which` (n,): indices of the elements to draw; `faces` (elements,): number of the cell face that each element
-    crosses, counted as in `CellMap.resistor_face`, negative for an element across no face, which is not drawn; by
-    default those of the netlist's resistors.
+    crosses, negative for an element that crosses no face and is not drawn; by default the faces of the netlist's
+    resistors.  Faces are numbered axis by axis, ``cells + 1`` along an axis, in C order.
     """
     space = netlist.cells.space
     across, index = crossed_faces((netlist.cells.resistor_face if faces is None else faces)[which], space.shape)

@@ -1,4 +1,4 @@
-"""Circuit diagrams of netlists compiled from small grids, with nodes at the centres of their cells."""
+"""Circuit diagrams of netlists compiled from small grids, with nodes at the cell centres; symbols of elements."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ _INCHES = 0.8
 """Side of a cell in a new figure, in inches."""
 _DRIVE = "#8E2A84"
 _SUPPLY_GAP, _SUPPLY_HEIGHT, _SUPPLY_WIDTH = 0.5, 1.5, 2.4
-"""Distance between the grid and the first row of supplies, height and width of a supply, in cell widths."""
+"""Distance between the grid and the first row of supplies; height and width that one supply takes; in cell widths."""
 
 
 @contextmanager
@@ -175,7 +175,7 @@ def _draw_seam(
     """Draw the two open ends of a resistor across a periodic seam, each labelled with the node that it leads to.
 
     The resistor is drawn at the upper end of the axis, and a wire at the lower end.  `number`: index of the resistor;
-    `terminal` (2,): its open end, `end` (2,): its end in the grid, both in cell widths.
+    `terminal` (2,), `end` (2,): open end of the resistor and end in the grid, both in cell widths.
     """
     names = netlist.names_of(netlist.resistor_nodes[number])
     before, after = names if netlist.cells.resistor_upward[number] else names[::-1]
@@ -215,9 +215,10 @@ def _draw_nodes(netlist: Netlist, op: OperatingPoint | None, axes: Axes) -> None
 
 
 def voltage_texts(op: OperatingPoint | None, nodes: NDArray[np.integer[Any]]) -> tuple[list[str], str]:
-    """Return the voltages of nodes as n texts, rounded to 1/10000 of the largest magnitude, and their unit.
+    """Return the voltages of nodes as n texts, and their unit, such as ``"mV"``.
 
-    `op`: operating point with the voltages, None for empty texts; `nodes` (n,): node indices.
+    All texts have the same number of decimals, so that the largest magnitude of all node voltages has four or five
+    digits.  `op`: operating point with the voltages, None for empty texts; `nodes` (n,): node indices.
     """
     if op is None:
         return [""] * len(nodes), "V"
@@ -228,7 +229,7 @@ def voltage_texts(op: OperatingPoint | None, nodes: NDArray[np.integer[Any]]) ->
 
 
 def _draw_drive(netlist: Netlist, axes: Axes) -> None:
-    """Draw an arrow at every node into which a current source injects a current."""
+    """Draw an arrow at every node into which a current source injects a current; the legend states the largest one."""
     if not len(netlist.current_nodes):
         return
     cell = netlist.cell_of_node()[netlist.current_nodes[:, 1]]
@@ -293,7 +294,7 @@ def _draw_supply(
 def rail_areas(cells: CellMap) -> tuple[BaseGeometry, BaseGeometry, BaseGeometry]:
     """Return the areas of the obstacle rails (also around the grid), the goal rails, and cells without a node.
 
-    The areas are polygons in coordinates in which a cell has the width 1.
+    The areas are polygons in cell widths, from the lower corner of the grid.
     """
     cell = in_plane(cells.space.cell)
     has_node = in_plane(cells.node) >= 0
@@ -318,10 +319,12 @@ def in_plane(values: NDArray[Any]) -> NDArray[Any]:
 def resistor_ends(
     cells: CellMap,
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-    """Return indices, lower ends, upper ends, and seam mask of the resistors between cells.
+    """Return indices, lower ends, upper ends, and seam mask of the m resistors that cross a cell face.
 
-    Shapes: indices (m,); lower and upper ends (m, 2), in cell widths; mask (m,) of resistors across a periodic seam,
-    which are drawn outwards from the upper end of their axis.
+    The indices (m,) are those of the netlist's resistors.  The ends (m, 2) are in cell widths from the lower corner of
+    the grid: cell centres, or points between the resistor and the centre of a rail cell, 0.3 from this centre.  The
+    lower end has the lower coordinate.  The mask (m,) is True for resistors across a periodic seam.  These are drawn
+    outwards from the upper end of their axis, and their "lower end" is the open end, which lies outside the grid.
     """
     across, index = crossed_faces(cells.resistor_face, cells.space.shape)
     number = np.flatnonzero(across >= 0)
@@ -340,8 +343,9 @@ def resistor_ends(
 def _end(cell: NDArray[np.uint8], at: NDArray[np.int64], along: NDArray[np.int64], side: int) -> NDArray[np.float64]:
     """Return the ends (n, 2) of resistors, in cell widths: cell centres, or borders of the squares of cells on rails.
 
-    `cell`: `Cell` codes of the grid; `at` (n, 2): indices of the cells; `along` (n, 2): unit vectors of the axes along
-    the resistors; `side`: direction from the cell to the resistor, 1 or -1.
+    `cell` (n, m): `Cell` codes of the grid; `at` (n, 2): indices of the cells, which may lie outside the grid; `along`
+    (n, 2): unit vectors of the axes along the resistors; `side`: 1 if the resistor leads from the cell towards higher
+    coordinates, -1 towards lower ones.
     """
     inside = np.all((at >= 0) & (at < cell.shape), axis=1)
     free = inside & (cell[tuple(np.clip(at, 0, np.array(cell.shape) - 1).T)] == Cell.FREE)
@@ -356,8 +360,8 @@ def _squares(mask: NDArray[np.bool_]) -> list[BaseGeometry]:
 def _bands(shape: tuple[int, ...], railed: list[bool]) -> list[BaseGeometry]:
     """Return the rectangles of the rail around a grid, in cell widths.
 
-    `shape`: number of cells per axis; `railed`: for each of the two axes, True if the rail lies beyond both of its
-    ends.
+    `shape`: number of cells per axis; `railed`: for each of the two axes, True if the rail lies beyond both ends of
+    the axis.
     """
     (width, height), (x, y) = shape, (_BAND * rail for rail in railed)
     sides = [(-x, -y, 0, height + y), (width, -y, width + x, height + y)] if railed[0] else []

@@ -68,9 +68,9 @@ times. The scale is linear for smaller changes of both signs.
 
 
 def draw_run(run: Run, *, title: str = "", caption: str = "") -> Figure:
-    """Draw a run (simulated motion under control) in the workspace and in a configuration space of two axes.
+    """Draw a run (simulated motion under control) in the workspace and, if it has two axes, in configuration space.
 
-    The workspace shows poses and contact forces, the configuration space the path.  The colours of the path are the
+    The workspace shows poses and contact forces, the configuration space the path.  The colours of the path show the
     control modes; learnt obstacle cells are circled.  `title`, `caption`: texts above the figure.  Returns the figure.
     """
     flat = run.space.ndim == 2
@@ -124,9 +124,9 @@ def scene_of(run: Run) -> Scene:
 
 
 def panel_aspect(run: Run) -> float:
-    """Return height over width of a panel of a run's picture.
+    """Return height over width of a panel of a run's picture: height over width of the grid, or 1.
 
-    The result is that of the grid if the two axes are positions in the plane; 1 for an arm or a turning robot.
+    The result is 1 unless the space has two axes and they are positions in the plane, as for a point or a disc.
     """
     flat = run.space.ndim == 2 and scene_of(run).robot.moves_in_workspace
     return plane_of(run.space).aspect if flat else 1.0
@@ -178,7 +178,7 @@ def draw_configurations(run: Run, axes: Axes, *, path: bool = True) -> None:
 
 
 def without_rests(configuration: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the rows of `configuration` (n, ndim) that differ from the row before; shape (m, ndim)."""
+    """Return the first row of `configuration` (n, ndim) and all rows that differ from the row before; (m, ndim)."""
     keep = np.ones(len(configuration), dtype=np.bool_)
     keep[1:] = np.any(np.diff(configuration, axis=0) != 0.0, axis=1)
     return configuration[keep]
@@ -233,15 +233,15 @@ def draw_velocities(
     point, force : array_like of float, shape (2,)
         Configuration in world coordinates, and the generalised force of a contact at this configuration.
     admittance : array_like of float, shape (2, 2)
-        Maps the force to a velocity.
+        Matrix that maps the force to a velocity.
     ax : matplotlib.axes.Axes, optional
         Axes to draw on; by default those of a new figure.
 
     Returns
     -------
     matplotlib.axes.Axes
-        Equipotentials, the streamline, the force ``F``, the nominal velocity ``V0``, ``V = V0 + A F``, and the velocity
-        along the equipotential.
+        Axes with the equipotential and the streamline at the point, the force ``F``, the nominal velocity ``V0``, the
+        response ``A F`` of the admittance ``A``, ``V = V0 + A F``, and the velocity along the equipotential.
 
     Raises
     ------
@@ -374,8 +374,7 @@ def draw_moment(front: Wavefront, row: int, axes: Axes) -> AxesImage:
 def draw_change(front: Wavefront, row: int, axes: Axes) -> AxesImage:
     """Draw the change of the potential since the map changed, with the time in the title; return the image.
 
-    The change is the normalised potential minus its value before the map changed.
-
+    The change is the normalised potential minus the normalised potential before the map changed.
     `row`: index of the time in the wavefront; `axes`: axes to draw on.
     """
     changes = np.abs(front.potential - front.first)

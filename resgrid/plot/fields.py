@@ -1,4 +1,4 @@
-"""Pictures of fields: potential with equipotentials, currents, and an overview page with paths."""
+"""Pictures of fields: potential with equipotentials, arrows of the current, and an overview page with paths."""
 
 from __future__ import annotations
 
@@ -50,10 +50,12 @@ def draw_field(
 ) -> Axes | Figure:
     """Draw the potential of a field with one to four axes (profile, image or slices), or the currents.
 
-    `ax`: axes to draw on, by default those of a new figure; `quantity`: "potential" or "currents"; `scale`: "linear",
-    "log" (logarithm of the drop) or "auto" (by the range of the drop); `contours`: whether to draw equipotentials;
-    `axis`, `indices`: normal axis and cell indices of the slices of a space with three or four axes, by default one
-    slice through a goal for each pair of axes.  Returns the axes, or the figure of a space with more than two axes.
+    `ax`: axes to draw on, by default those of a new figure; `quantity`: "potential", or "currents" of a field with two
+    axes, for which the other options are ignored; `scale`: "linear", "log" (logarithm of the drop) or "auto" ("log" if
+    the drop spans two orders of magnitude or more, otherwise "linear"); `contours`: whether to draw equipotentials;
+    `axis`: number of the space's axis normal to the slices of a space with three or four axes, None for one slice
+    through a goal for each pair of axes; `indices`: cell indices of the slices along `axis`, by default at most six.
+    Returns the axes, or the figure of a space with more than two axes.
     """
     if quantity == "currents":
         return draw_currents(field, ax)
@@ -74,9 +76,11 @@ def _draw_potential(
     """Draw the potential and paths; return the axes, or the figure of a space with more than two axes.
 
     With one axis, a mark on the curve is the start of a path.  `ax`: axes to draw on, None for a new figure; `scale`:
-    "linear", "log" (logarithm of the drop) or "auto" (by the range of the drop); `contours`: whether to draw
-    equipotentials; `axis`, `indices`: normal axis and cell indices of slices; `paths`: streamlines; `k`: weight k of
-    the Dirichlet field of each path, None for paths of one field.
+    "linear", "log" (logarithm of the drop) or "auto" ("log" if the drop spans two orders of magnitude or more);
+    `contours`: whether to draw equipotentials; `axis`: number of the space's axis normal to the slices, None for one
+    slice for each pair of axes, through the end of the first path or through a goal; `indices`: cell indices of the
+    slices along `axis`, by default at most six; `paths`: streamlines; `k`: weight k of the Dirichlet field of each
+    path, None for paths of one field.
     """
     shading = shading_of(field, scale)
     shown = np.where(field.space.cell == Cell.OBSTACLE, np.nan, shading.values)
@@ -106,8 +110,9 @@ def draw_summary(
 ) -> Figure:  # fmt: skip
     """Draw the overview of a field of one to four axes with its paths.
 
-    With two axes, one panel shows obstacles, potential, equipotentials and paths, a second one (below it for a wide
-    map) the currents.  With one axis the potential is a profile; with more axes it is shown in slices through a goal.
+    With two axes, one panel shows obstacles, potential, equipotentials and paths; a second panel, to the right or for a
+    wide map below, shows the currents.  With one axis the potential is a profile.  With more than two axes it is shown
+    in slices through the end of the first path, or through a goal.
 
     Parameters
     ----------
@@ -120,7 +125,8 @@ def draw_summary(
     title : str
         Title above the figure.
     scale : {"auto", "linear", "log"}
-        Scale of the potential: linear, or logarithm of the drop; by default by the range of the drop.
+        Scale of the potential: linear, or logarithm of the drop; "auto" is "log" if the drop spans two orders of
+        magnitude or more, otherwise "linear".
 
     Returns
     -------
@@ -152,7 +158,8 @@ def draw_summary(
 def _plane_page(field: Field, paths: Sequence[FieldPath], k: Sequence[float] | None, scale: Scale) -> Figure:
     """Return a figure of a field with two axes: one panel with potential and paths, one panel with currents.
 
-    `k`: weight k of the Dirichlet field of each path, None for paths of one field; `scale`: "auto", "linear" or "log".
+    `k`: weight k of the Dirichlet field of each path, None for paths of one field; `scale`: scale of the potential:
+    "linear", "log" (logarithm of the drop) or "auto" ("log" if the drop spans two orders of magnitude or more).
     """
     aspect = plane_of(field.space).aspect
     stacked = aspect < _WIDE
@@ -170,7 +177,8 @@ def _plane_page(field: Field, paths: Sequence[FieldPath], k: Sequence[float] | N
 def draw_currents(field: Field, ax: Axes | None = None) -> Axes:
     """Draw the currents through cells as arrows of equal length, coloured by log10 of the magnitude; return the axes.
 
-    `ax`: axes to draw on, by default those of a new figure.
+    The magnitude is in units of supply / resistance.  Large maps have one arrow per block of cells.  `field`: field
+    with two axes; `ax`: axes to draw on, by default those of a new figure.
     """
     plane = plane_of(field.space)
     axes = axes_or_new(ax, plane.aspect)
@@ -203,9 +211,9 @@ class Arrows(NamedTuple):
 def current_arrows(field: Field, block: int) -> Arrows:
     """Return one arrow per block of `block` x `block` cells, for the current through a cell near the block's middle.
 
-    The cell is the goal-connected cell nearest to the middle.  Along each axis its current is the mean of the currents
-    through the two opposite faces, computed relative to the largest of the four, because small currents underflow.
-    Blocks without current have no arrow.
+    The cell is the goal-connected cell nearest to the middle.  Along each axis, the current of the cell is the mean of
+    the currents through its two faces across this axis.  The means are computed relative to the largest current
+    through the four faces, because small currents underflow.  Blocks without current have no arrow.
     """
     cells = nearest_to_middles(field.space.goal_connected, block)
     log_face, sign = _both_faces(field.face_log_current, cells), _both_faces(field.face_direction, cells)

@@ -17,7 +17,7 @@ from resgrid.errors import InputError
 from resgrid.plot.style import DPI, TEXT
 
 FORMATS = ("png", "pdf", "svg")
-"""File formats of pictures; the names are also the suffixes."""
+"""File formats of pictures; the names are also the suffixes of files, without the dot."""
 PAGE = 7.4
 """Width of a figure that spans both columns of a page, in inches."""
 
@@ -37,7 +37,7 @@ _SETTINGS: Any = {"svg.hashsalt": "resgrid", "pdf.fonttype": 42}
 
 
 class NotebookFigure(Figure):
-    """A figure that a notebook displays although it has no window."""
+    """A figure without a window, which a notebook displays as a PNG image."""
 
     def add_subplot(self, *place: Any, **options: Any) -> Any:
         """Return new axes, which a notebook displays, too; `place` and `options` are arguments of matplotlib."""
@@ -48,7 +48,7 @@ class NotebookFigure(Figure):
 
 
 class NotebookAxes(Axes):
-    """Axes that a notebook displays as their whole figure."""
+    """Axes that a notebook displays as a PNG image of the whole figure."""
 
     def _repr_png_(self) -> bytes:
         return render_figure(self, "png", dpi=NOTEBOOK_DPI)
@@ -149,7 +149,7 @@ def save_figure(picture: Axes | Figure, file: str | os.PathLike[str], *, dpi: fl
 
 
 def picture_format(file: str | os.PathLike[str]) -> str:
-    """Return the file format ("png", "pdf" or "svg") of a suffix; raise InputError for an unknown suffix."""
+    """Return the format ("png", "pdf" or "svg") of a file by its suffix; raise InputError for another suffix."""
     suffix = Path(file).suffix.lower().lstrip(".")
     if suffix not in FORMATS:
         allowed = ", ".join("." + name for name in FORMATS)

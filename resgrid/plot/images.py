@@ -18,8 +18,8 @@ def draw_shading(
 ) -> AxesImage:
     """Draw values of a field in a plane as an image, with equipotentials if `contours` is True; return the image.
 
-    `values` (plane.x.cells, plane.y.cells): potential or logarithm of the drop, NaN in cells without a value;
-    `shading`: colour scale and levels.
+    `values` (plane.x.cells, plane.y.cells): potential or log10 of the drop, NaN in cells without a value; `shading`:
+    colour scale, and levels of the equipotentials.
     """
     image = draw_image(
         plane, values, axes, cmap=shading.colours, vmin=shading.lower, vmax=shading.upper,
@@ -31,10 +31,10 @@ def draw_shading(
 
 
 def _draw_contours(plane: PicturePlane, shading: Shading, values: NDArray[np.float64], axes: Axes) -> None:
-    """Draw the equipotentials of values per cell; for maps of more than 1024 cells a side, those of means over blocks.
+    """Draw the equipotentials of values per cell, or of means over blocks on maps of more than 1024 cells a side.
 
-    `values` (plane.x.cells, plane.y.cells): potential or logarithm of the drop; `shading`: levels of the
-    equipotentials.
+    `values` (plane.x.cells, plane.y.cells): potential or log10 of the drop, NaN in cells without a value; `shading`:
+    levels of the equipotentials, and values at obstacles and at the grid's edge.
     """
     block = block_size(values.shape, MOST_CELLS)
     coarse = block_means(values, block)

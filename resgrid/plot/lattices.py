@@ -1,4 +1,4 @@
-"""Pictures of lattices: the potential at the sites with paths, and the resistors of a netlist."""
+"""Pictures of lattices: the potential at the sites (places of the nodes) with paths, and the resistors of a netlist."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from resgrid.plot.shading import Scale, Shading, shading_of
 from resgrid.plot.style import PATHS
 
 _MOST_STEPS = 40
-"""Largest number of sites along an axis of the lattice for which the resistors are drawn."""
+"""Largest number of sites (places of nodes) along an axis of the lattice for which the resistors are drawn."""
 
 
 def draw_lattice_field(
@@ -41,10 +41,11 @@ def draw_lattice_field(
 ) -> Axes | Figure:
     """Draw the potential at the sites of a lattice; return the axes, or the figure of a space with three axes.
 
-    Each site of a hexagonal lattice is a hexagon, each site of other lattices its cell.  Plane lattices of at most 40
-    sites along an axis also show their resistors.  `ax`: axes to draw on, by default those of a new figure; `scale`:
-    "linear", "log" (logarithm of the drop) or "auto" (by the range of the drop); `axis`, `indices`: normal axis and
-    cell indices of the slices of a space with three axes, by default one slice for each pair of axes; `paths`: paths to
+    A site (place of a node) is drawn as a hexagon in a hexagonal lattice, otherwise as its cell.  Plane lattices of at
+    most 40 sites along an axis also show their resistors.  `ax`: axes to draw on, by default those of a new figure;
+    `scale`: "linear", "log" (logarithm of the drop) or "auto" ("log" if the drop spans two orders of magnitude or
+    more); `axis`: number of the space's axis normal to the slices of a space with three axes, None for one slice for
+    each pair of axes; `indices`: cell indices of the slices along `axis`, by default at most six; `paths`: paths to
     draw; `k`: weight k of the Dirichlet field of each path, None for paths of one field.
     """
     shading = shading_of(field, scale)
@@ -104,7 +105,7 @@ def draw_lattice_netlist(netlist: Netlist, ax: Axes | None = None) -> Axes:
 
 
 def _joined_sites(field: LatticeField) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return both ends, (n, ndim) each, in axis units, of all resistors between sites that carry a current."""
+    """Return the starts and the ends, (n, ndim) each, in axis units, of all resistors in which a current flows."""
     starts, ends = [], []
     for step, direction in enumerate(field.step_direction):
         points = field.lattice.points(np.argwhere(direction != 0))
@@ -116,7 +117,10 @@ def _joined_sites(field: LatticeField) -> tuple[NDArray[np.float64], NDArray[np.
 def _draw_steps(
     starts: NDArray[np.float64], ends: NDArray[np.float64], panel: Panel, label: str = "resistor with current"
 ) -> None:
-    """Draw segments from `starts` to `ends` (n, ndim), in axis units, and their ends as dots."""
+    """Draw segments from `starts` to `ends` (n, ndim), in axis units, and dots at both ends of each segment.
+
+    `label`: legend entry of the segments.
+    """
     segments = np.stack([panel.seen(starts), panel.seen(ends)], axis=1)
     lines = LineCollection(list(segments), colors="#00000070", linewidths=0.6, zorder=2.6, label=label)
     panel.axes.add_collection(lines, autolim=False)
@@ -128,6 +132,7 @@ def _draw_hexagons(lattice: HexagonalLattice, shading: Shading, panel: Panel) ->
     """Draw the values at the sites as hexagons, clipped to the grid; return the collection.
 
     Below the hexagons, every free cell has the colour of one of its sites, so that no free part remains white.
+    `shading`: values at the sites and their colour scale.
     """
     assert panel.plane is not None
     below = np.full(lattice.space.shape, np.nan)

@@ -33,7 +33,7 @@ LINES: Mapping[str, dict[str, Any]] = {
 """Matplotlib style of each kind of layer, by name, in the order of drawing."""
 
 MOST_SHAPES = 150_000
-"""Largest number of resistors up to which the picture of a whole layout draws each of them."""
+"""Largest number of resistors for which the picture of a whole layout draws every resistor."""
 
 _LENGTHS = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000)
 """Possible lengths of the scale bar, in micrometres."""
@@ -132,7 +132,7 @@ def _draw_block(layout: Layout, axes: Axes, window: Window) -> None:
 
 
 def _fill_array(layout: Layout, axes: Axes) -> None:
-    """Draw the area of an array with more than `MOST_SHAPES` resistors as one rectangle."""
+    """Draw the whole array of resistors as one rectangle, because it has too many resistors to draw every one."""
     columns, rows = layout.op.netlist.cells.space.shape
     size = columns * layout.tile.px * 1e-3, rows * layout.tile.py * 1e-3
     axes.add_patch(Rectangle((0.0, 0.0), *size, facecolor=LINES["poly"]["facecolor"], alpha=0.5))

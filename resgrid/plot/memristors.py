@@ -1,4 +1,4 @@
-"""Pictures of circuits with memristors: resistances of the links of a grid, and states over time."""
+"""Pictures of circuits with memristors: resistances between the cells of a grid, and states over time."""
 
 from __future__ import annotations
 
@@ -32,10 +32,11 @@ def draw_memristive(
 ) -> Axes:
     """Draw the resistances of the links of a grid at an output time, or the states over time; return the axes.
 
-    `ax`: axes to draw on, by default those of a new figure; `quantity`: "map", "states", or "auto" for a map of a grid
-    with two axes and for states otherwise; `at`: index of the output time of a map, negative from the end.  Raise
-    InputError for a map of another circuit, for an index that does not exist, and for an index with a picture of
-    states.
+    A link holds the parallel memristors between two neighbour cells; a state lies between 0 (largest resistance) and 1
+    (smallest resistance).  `ax`: axes to draw on, by default those of a new figure; `quantity`: "map" of the links,
+    "states", or "auto" for a map of a grid with two axes and for states otherwise; `at`: index of the output time of a
+    map, negative from the end.  Raise InputError for a map of a circuit without a grid of two axes, for an index that
+    does not exist, and for an index with a picture of states.
     """
     cells = result.circuit.netlist.cell_map
     is_grid = cells is not None and cells.space.ndim == 2

@@ -29,8 +29,9 @@ def empty_space(scene: Scene) -> ConfigurationSpace:
 def goal_places(scene: Scene) -> NDArray[np.float64]:
     """Return the workspace positions (g, d) of the robot's reference point at goals.
 
-    The number d is 3 for a robot in space, otherwise 2.  Included are goals that are points, cells (position at the
-    centre), ranges of joint values (position at their middle), or poses without a radius; regions are omitted.
+    The number d is 3 for a robot in space, otherwise 2; g is the number of included goals.  Included are goals that are
+    points, cells (position at the centre of the cell), ranges of joint values (position at the middle of the ranges),
+    or poses without a radius; regions are omitted.
     """
     places: list[Any] = []
     ndim = scene.robot.workspace_ndim
@@ -67,9 +68,9 @@ def dense_motion(path: Motion, scene: Scene) -> NDArray[np.float64]:
 
 
 def poses_along(motion: NDArray[np.float64], scene: Scene, count: int) -> NDArray[np.float64]:
-    """Return at most `count` poses (m, ndim) of a dense motion (n, ndim), with the first and the last one.
+    """Return at most `count` poses (m, ndim) of a motion (n, ndim), with its first and its last pose.
 
-    The poses are evenly spaced by the distance that the robot's points move.
+    The poses are evenly spaced by the distance that the robot's points move.  A `count` of 1 gives the first pose.
     """
     if not 1 <= count <= 1000:
         raise InputError(f"ghosts = {count} must lie between 1 and 1000: it is the number of poses")

@@ -116,9 +116,10 @@ def draw_circuit(netlist: Netlist, ax: Axes | None = None, *, op: OperatingPoint
     """Draw the circuit diagram of a small netlist: nodes with names and voltages, elements with values.
 
     Nodes of a netlist compiled from one or two axes lie at the cell centres; other netlists are laid out as graphs.
-    `ax`: axes to draw on, by default those of a new figure; `op`: operating point of the netlist, whose node voltages
-    are written into the diagram.  Returns the axes.  Raises InputError for a nonlinear netlist, for
-    more than `MOST_CELLS_A_SIDE` cells along an axis, and without cells for more than `MOST_NODES` nodes.
+    Of a lattice, only the resistors are drawn.  `ax`: axes to draw on, by default those of a new figure; `op`:
+    operating point of the netlist, whose node voltages are written into the diagram, None for no voltages.  Returns the
+    axes.  Raises InputError for a nonlinear netlist, for the operating point of another netlist, for more than two axes
+    or 10 cells along an axis, and without cells for more than 40 nodes.
     """
     if netlist.nonlinear_nodes.size:
         raise InputError("circuit diagrams have no symbol for nonlinear resistors; draw the field of this circuit")
@@ -219,7 +220,7 @@ def _places(netlist: Netlist, groups: Groups) -> Place:
 
 
 def _oriented(places: Place) -> Place:
-    """Return a layout, scaled to drawing units (at most `_NODES_APART` between the two nearest nodes) and turned.
+    """Return a layout, scaled to drawing units (at most 2.2 between the two nearest nodes) and turned.
 
     An elongated layout is turned horizontal, with the first node on the left.  `places` (n, 2): node positions of any
     scale; the result has the shape (n, 2).
@@ -236,10 +237,10 @@ def _oriented(places: Place) -> Place:
 
 
 def _closeness(edges: NDArray[np.float64]) -> float:
-    """Return the total length, in drawing units, of parts of connections that lie within 0.3 units of another one.
+    """Return the total length of the parts of connections that lie within 0.3 drawing units of another connection.
 
-    `edges` (edges, 2, 2): both ends of each straight connection of two nodes; 15 % of its length at each end are
-    ignored.
+    `edges` (edges, 2, 2): both ends of each straight connection of two nodes, in drawing units.  At each end, 15 % of
+    the length of a connection are ignored.
     """
     lines = np.array(shapely.linestrings(edges + 0.15 * (edges[:, ::-1] - edges)))
     near = shapely.length(shapely.intersection(lines[:, None], shapely.buffer(lines, 0.3)))
@@ -289,7 +290,7 @@ def _to_ground(elements: Elements, node: Place, drawn: Shapes) -> Bundle:
 def _to_itself(elements: Elements, node: Place, drawn: Shapes) -> Bundle:
     """Return the elements with both ends at one node as nested loops, in the direction with the most room.
 
-    `elements`: kind, value in SI units, and orientation (False for every loop) of each element; `node` (2,): position
+    `elements`: kind, value in SI units, and False (loops have no orientation) for each element; `node` (2,): position
     of the node; `drawn`: polygons and lines that the loops should not overlap.
     """
     angles = np.pi / 4 * (np.arange(8) + 2)
@@ -300,7 +301,7 @@ def _to_itself(elements: Elements, node: Place, drawn: Shapes) -> Bundle:
 def _loop(elements: Elements, node: Place, out: Place) -> Bundle:
     """Return nested loops, one per element, with both ends at the position `node` (2,), as a `Bundle`.
 
-    `elements`: kind, value in SI units, and orientation (False for every loop) of each element; `out` (2,): unit vector
+    `elements`: kind, value in SI units, and False (loops have no orientation) for each element; `out` (2,): unit vector
     from the node to the loops.
     """
     across = np.array([-out[1], out[0]])

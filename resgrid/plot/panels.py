@@ -50,7 +50,7 @@ from resgrid.plot.style import (
 )
 
 VIRTUAL = "#8c8c8c"
-"""Colour of obstacle cells that no body occupies."""
+"""Colour of obstacle cells that no body occupies, such as cells near singularities of an arm."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,10 +156,12 @@ def draw_panels(
 ) -> Axes | Figure:
     """Draw layers above each other on one matplotlib axes, or on each slice of a space with three or four axes.
 
-    `ax`: axes to draw on, None for a new figure; `layers`: functions that draw on a panel; `axis`, `indices`: normal
-    axis and cell indices of the slices, by default one slice for each pair of axes; `through`: cell that the slices
-    contain, by default a goal cell; `columns`: number of legend columns; `strip`: height over width of the picture of
-    one axis.  Returns the axes, or the figure of a space with more than two axes.
+    `ax`: axes to draw on, None for a new figure; `layers`: functions that draw on a panel; `axis`: number of the
+    space's axis normal to the slices (with four axes they are also normal to the last of the other axes), None for one
+    slice for each pair of axes; `indices`: cell indices of the slices along `axis`, by default at most six; `through`:
+    cell (ndim,) that the slices contain, by default a goal cell; `columns`: largest number of legend columns of a space
+    with one or two axes; `strip`: height over width of the picture of a space with one axis.  Returns the axes, or the
+    figure of a space with more than two axes.
     """
     if space.ndim <= 2:
         plane = plane_of(space) if space.ndim == 2 else None
@@ -211,9 +213,11 @@ def draw_space(
     """Draw obstacles, goals and the conductivity of a space.
 
     Returns the axes, or the figure of a space with more than two axes.  `ax`: axes to draw on, by default those of a
-    new figure; `virtual`: mask of obstacle cells that no body occupies; `unknown`: mask of obstacle cells of unknown
-    occupancy; `axis`, `indices`: normal axis and cell indices of the slices, by default one slice through a goal for
-    each pair of axes.
+    new figure; `virtual`: mask of obstacle cells that no body occupies, such as cells near singularities; `unknown`:
+    mask of obstacle cells of unknown occupancy; both have colours of their own and the shape of the space, None for no
+    such cells; `axis`: number of the space's axis normal to the slices of a space with three or four axes, None for
+    one slice through a goal for each pair of axes; `indices`: cell indices of the slices along `axis`, by default at
+    most six.
     """
     painted = painter(*virtual_cells(virtual), *unknown_cells(space.cell, unknown))
     return draw_panels(space, ax, name_free_cells, draw_known, painted, axis=axis, indices=indices)
@@ -229,7 +233,8 @@ def name_free_cells(panel: Panel) -> None:
 def paint_unknown(picture: Axes | Figure, space: ConfigurationSpace, unknown: NDArray[np.bool_] | None) -> None:
     """Paint cells of unknown occupancy over the obstacles in every panel of a picture of a space with two axes.
 
-    `unknown`: mask of these cells, shape of the space; None to leave the picture unchanged.
+    `unknown`: mask of these cells, shape of the space; None to leave the picture unchanged.  Pictures of spaces with
+    other numbers of axes stay unchanged, too.
     """
     masks = unknown_cells(space.cell, unknown)
     for axes in figure_of(picture).axes if masks and space.ndim == 2 else ():

@@ -1,4 +1,4 @@
-"""Choice of the picture of paths by their space: a plane, slices, or the surface of a voxel world."""
+"""Choice of the picture of paths by their space: a plane, slices, or for a point or ball the surface of obstacles."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from resgrid.plot.voxels import PIECES, draw_paths_in_view, points_of
 from resgrid.robots.voxel_surfaces import is_voxel_world
 
 _SLICES = 3
-"""Largest number of horizontal slices below the picture of the surface."""
+"""Largest number of horizontal slices below the picture of the obstacles' surface."""
 
 
 def draw_path(
@@ -35,10 +35,11 @@ def draw_path(
 ) -> Axes | Figure:
     """Draw a streamline; return the axes, or the figure of a space with more than two axes.
 
-    For points and balls in space, the figure shows the surface of the obstacles and horizontal slices, unless `axis`
-    selects slices.  `ax`: axes to draw on, by default those of a new figure; `axis`, `indices`: normal axis and cell
-    indices of the slices of a space with three or four axes, by default one slice through the path's end for each pair
-    of axes.
+    For a point or a ball in space, the figure shows the surface of the obstacles and horizontal slices, unless `axis`
+    is given.  `ax`: axes to draw on, by default those of a new figure; `axis`: number of the space's axis normal to the
+    slices of a space with three or four axes, None for one slice through the end of the path (or through a goal if the
+    path reaches none) for each pair of axes; `indices`: cell indices of the slices along `axis`, by default at most
+    six.
     """
     return draw_streamlines([path], ax, axis=axis, indices=indices)
 
@@ -54,11 +55,11 @@ def draw_streamlines(
 ) -> Axes | Figure:
     """Draw streamlines; return the axes, or the figure of a space with more than two axes.
 
-    For points and balls in space, the figure shows the surface of the obstacles and horizontal slices, unless `axis`
-    selects slices.  `ax`: axes to draw on, by default those of a new figure; `k`: weight k of the Dirichlet field of
-    each path, None for paths of one field; `unknown`: mask of obstacle cells of unknown occupancy; `axis`, `indices`:
-    normal axis and cell indices of the slices, by default one slice through the end of the first path for each pair of
-    axes.
+    For a point or a ball in space, the figure shows the surface of the obstacles and horizontal slices, unless `axis`
+    is given.  `ax`: axes to draw on, by default those of a new figure; `k`: weight k of the Dirichlet field of each
+    path, None for paths of one field; `unknown`: mask of obstacle cells of unknown occupancy, shape of the space;
+    `axis`: number of the space's axis normal to the slices, None for one slice for each pair of axes, through the end
+    of the first path that reaches a goal; `indices`: cell indices of the slices along `axis`, by default at most six.
     """
     if ax is None and axis is None and indices is None and is_voxel_world(paths[0].space):
         plane_paths.require_paths(paths, paths[0].space)
@@ -77,8 +78,10 @@ def draw_line(
 ) -> Axes | Figure:
     """Draw a polyline; return the axes, or the figure of a space with more than two axes.
 
-    `ax`: axes to draw on, by default those of a new figure; `axis`, `indices`: normal axis and cell indices of the
-    slices of a space with three or four axes.
+    For a point or a ball in space, the figure shows the surface of the obstacles and horizontal slices, unless `axis`
+    is given.  `ax`: axes to draw on, by default those of a new figure; `axis`: number of the space's axis normal to the
+    slices of a space with three or four axes, None for one slice through a goal for each pair of axes; `indices`: cell
+    indices of the slices along `axis`, by default at most six.
     """
     if ax is None and axis is None and indices is None and is_voxel_world(path.space):
         return draw_voxel_page([path])
@@ -97,7 +100,7 @@ def draw_voxel_page(
     """Draw paths of one space with three axes: the surface of the obstacles, and horizontal slices through the paths.
 
     `k`: weight k of the Dirichlet field of each streamline, None for paths of one field; `unknown`: mask of obstacle
-    cells of unknown occupancy.
+    cells of unknown occupancy, shape of the space, None for no such cells.
     """
     space = paths[0].space
     layer = path_layer(paths, k) if _are_streamlines(paths) else line_layer(paths)
@@ -135,9 +138,9 @@ def _styles_of(k: Sequence[float | None]) -> list[dict[str, Any]]:
 def _cuts_through(paths: Sequence[AnyPath], space: ConfigurationSpace) -> list[Cut]:
     """Return at most `_SLICES` horizontal slices through the first path, from the lowest to the highest.
 
-    The first chosen are those at its start and its end, then those at its lowest and its highest point, the one farther
-    from start and end first, then the one at the median of its z coordinates. Each slice of the result is a tuple with
-    one pair: the axis number 2 and a cell index. `space`: the space of all paths.
+    Candidates, in this order, are the slices at the start and the end of the path, at its lowest and its highest point
+    (first the point farther in z from start and end), and at the median of its z coordinates. Each slice of the result
+    is a tuple with one pair: the axis number 2 and a cell index. `space`: the space of all paths.
     """
     path, axis = paths[0], space.axes[2]
     line = subdivided(points_of(path, space), PIECES)

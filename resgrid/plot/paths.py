@@ -46,9 +46,9 @@ def draw_path(
 ) -> Axes | Figure:
     """Draw a streamline with its start and end; return the axes, or the figure of a space with more than two axes.
 
-    `ax`: axes to draw on; None for a new figure that also shows the cells of the space; `axis`, `indices`: normal axis
-    and cell indices of the slices of a space with three or four axes, by default one slice through the path's end for
-    each pair of axes.
+    `ax`: axes to draw on; None for a new figure that also shows the cells of the space; `axis`: number of the space's
+    axis normal to the slices of a space with three or four axes, None for one slice for each pair of axes, through the
+    end of the path; `indices`: cell indices of the slices along `axis`, by default at most six.
     """
     return draw_streamlines([path], ax, axis=axis, indices=indices)
 
@@ -65,8 +65,9 @@ def draw_streamlines(
 
     Streamlines of the same k have the same colour; a cross marks a start without a path to a goal.  `ax`: axes to draw
     on; None for a new figure that also shows the cells of the space; `k`: weight k of the Dirichlet field of each path,
-    None for paths of one field; `axis`, `indices`: normal axis and cell indices of the slices of a space with three or
-    four axes, by default one slice through the end of the first path for each pair of axes.
+    None for paths of one field; `axis`: number of the space's axis normal to the slices of a space with three or four
+    axes, None for one slice for each pair of axes, through the end of the first path that reaches a goal; `indices`:
+    cell indices of the slices along `axis`, by default at most six.
     """
     space = paths[0].space
     return draw_panels(
@@ -75,7 +76,7 @@ def draw_streamlines(
 
 
 def end_of_first(paths: Sequence[FieldPath]) -> list[int] | None:
-    """Return the last cell (ndim,) of the first path that reaches a goal, for slices; None without such a path."""
+    """Return the last cell (ndim,) of the first path that reaches a goal; None without such a path."""
     return next((path.cells[-1].tolist() for path in paths if path.outcome is Outcome.REACHED), None)
 
 
@@ -120,10 +121,10 @@ def path_layer(paths: Sequence[FieldPath], k: Sequence[float] | None) -> Layer:
 
 
 def by_blend(paths: Sequence[FieldPath], k: Sequence[float] | None) -> list[tuple[float | None, list[FieldPath]]]:
-    """Return pairs of a value of k and its paths that reach a goal, in ascending order of k.
+    """Return a pair for each value of k: the value, and the list of the paths with this k that reach a goal.
 
-    `k`: weight k of the Dirichlet field of each path; None gives one pair with the value None.  The list of paths is
-    empty for a value of k whose paths all fail.
+    The pairs are in ascending order of k; a list is empty if all paths with this k fail.  `k`: weight k of the
+    Dirichlet field of each path; None gives one pair with the value None and all paths that reach a goal.
     """
     if k is not None and len(k) != len(paths):
         raise InputError(f"{len(k)} values of k for {len(paths)} paths; give one for each")
@@ -231,8 +232,9 @@ def draw_line(
 ) -> Axes | Figure:
     """Draw a polyline with its start; return the axes, or the figure of a space with more than two axes.
 
-    `ax`: axes to draw on; None for a new figure that also shows the cells of the space; `axis`, `indices`: normal axis
-    and cell indices of the slices of a space with three or four axes.
+    `ax`: axes to draw on; None for a new figure that also shows the cells of the space; `axis`: number of the space's
+    axis normal to the slices of a space with three or four axes, None for one slice through a goal for each pair of
+    axes; `indices`: cell indices of the slices along `axis`, by default at most six.
     """
     return draw_panels(path.space, ax, *_ground(path.space, ax), line_layer([path]), axis=axis, indices=indices)
 
@@ -265,9 +267,9 @@ def draw_separation(
     """Draw the cells reachable from a start, and the obstacle cells whose removal opens a path to a goal.
 
     Returns the axes, or the figure of a space with more than two axes.  `ax`: axes to draw on, by default those of a
-    new figure; `virtual`: mask of obstacle cells that no body occupies, shape of the space; `axis`, `indices`: normal
-    axis and cell indices of the slices of a space with three or four axes, by default one slice through the start for
-    each pair of axes.
+    new figure; `virtual`: mask of obstacle cells that no body occupies, shape of the space, None for no such cells;
+    `axis`: number of the space's axis normal to the slices of a space with three or four axes, None for one slice
+    through the start for each pair of axes; `indices`: cell indices of the slices along `axis`, by default at most six.
     """
     space, outcome = result.space, result.outcome
     reachable = result.region & (space.cell == Cell.FREE)
@@ -287,8 +289,8 @@ def draw_separation(
 def draw_clearance_curve(curve: ClearanceCurve, ax: Axes | None = None, *, unit: str = "", cell: float = 0.0) -> Axes:
     """Draw the mean clearance of paths against k or the wall resistance, with quartiles; return the axes.
 
-    The quartiles are taken over the starts.  `unit`: unit of the clearance; `cell`: width of a cell in this unit, half
-    of which is drawn as an error bar (the discretization error), 0 for no bar.
+    Mean and quartiles are taken over the starts that the curve counts.  `unit`: unit of the clearance; `cell`: width of
+    a cell in this unit; an error bar of half this length shows the discretization error; 0 for no bar.
     """
     axes = axes_or_new(ax, 0.7)
     part = curve.clearance[:, curve.counted]

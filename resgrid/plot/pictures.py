@@ -1,4 +1,4 @@
-"""Dispatch of `draw`: the registry of pictures by the type of the value."""
+"""The function `draw`, its registry of pictures by the type of the value, and pictures of scenes and circuits."""
 
 from __future__ import annotations
 
@@ -236,7 +236,7 @@ def draw(value: object, ax: Axes | None = None, **options: Any) -> Any:
 
 
 def image_html(value: object) -> str | None:
-    """Return the picture of a value as an HTML ``<img>`` element; None if the value cannot be drawn."""
+    """Return the picture of a value as an HTML ``<img>`` element with a PNG image; None if it cannot be drawn."""
     try:
         content = render_figure(draw(value), "png", dpi=NOTEBOOK_DPI)
     except ResgridError:
@@ -245,10 +245,10 @@ def image_html(value: object) -> str | None:
 
 
 def draw_operating_point(op: OperatingPoint, ax: Axes | None = None) -> Axes | Figure:
-    """Draw a circuit with its voltages, or the potential of a grid with more than 10 cells a side.
+    """Draw a circuit diagram with its voltages, or the potential of a large grid or of a lattice.
 
-    Returns the axes, or the figure of a space with more than two axes.  `ax`: axes to draw on, by default those of a
-    new figure.
+    A grid is large if it has more than two axes, or more than 10 cells along an axis.  Returns the axes, or the figure
+    of a space with more than two axes.  `ax`: axes to draw on, by default those of a new figure.
     """
     from resgrid.planning.fields import field
     from resgrid.planning.lattice_fields import lattice_field
@@ -266,7 +266,7 @@ def draw_operating_point(op: OperatingPoint, ax: Axes | None = None) -> Axes | F
 
 
 def draw_scene_or_cells(scene: Scene, ax: Axes | None = None) -> Axes | Figure:
-    """Draw the workspace of a scene, or the cells if a point or disc robot has other than two axes.
+    """Draw the workspace of a scene, or the cells of its space for a point or a ball with one, three or four axes.
 
     Returns the axes, or the figure of a space with more than two axes.  `ax`: axes to draw on, by default those of a
     new figure.

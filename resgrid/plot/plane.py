@@ -100,9 +100,10 @@ class PicturePlane:
         return self._corners(slice(0, self.x.cells), slice(0, self.y.cells))
 
     def _corners(self, across: slice, up: slice) -> NDArray[np.float64]:
-        """Return the corners (4, 2) of a block of cells, in coordinates of the picture, in the order of `corners`.
+        """Return the corners (4, 2) of a block of cells, in coordinates of the picture.
 
-        `across`, `up`: index ranges of the block along x and y.
+        The order in the axes x, y is (lower, lower), (upper, lower), (upper, upper), (lower, upper).  `across`, `up`:
+        index ranges of the block along x and y.
         """
         (left, right), (bottom, top) = (
             axis.edges[[part.start, part.stop]] for axis, part in ((self.x, across), (self.y, up))
@@ -178,9 +179,9 @@ def kinds_of(cell: NDArray[np.uint8], connected: NDArray[np.bool_], obstacle: st
 def space_kinds(space: ConfigurationSpace, obstacle: str = "obstacle") -> list[Mask]:
     """Return the masks of the kinds of cells of a space that are painted, with colours and legend entries.
 
-    If the space distinguishes undecided cells, the legend entries contain numbers of cells of the whole space, and
-    cells that contain a collision are distinguished from undecided ones.  `obstacle`: legend entry of obstacles in all
-    other spaces.
+    If the space has a mask of undecided cells (neither proven free nor proven to contain a collision), these cells have
+    a kind of their own, and the legend entries state numbers of cells of the whole space.  `obstacle`: legend entry of
+    obstacles in a space without such a mask.
     """
     kinds = kinds_of(space.cell, cells_with_path(space), obstacle)
     if space.undecided is None:
@@ -219,6 +220,8 @@ def unknown_cells(cell: NDArray[np.uint8], unknown: NDArray[np.bool_] | None) ->
 
 def draw_image(plane: PicturePlane, values: NDArray[Any], axes: Axes, **style: Any) -> AxesImage:
     """Draw one value or colour per cell, first axis to the right, second axis upwards; return the image.
+
+    With more than 1024 cells along an axis, means over blocks of cells are drawn.
 
     `values`: shape (plane.x.cells, plane.y.cells), NaN for transparent cells, or (plane.x.cells, plane.y.cells, 4) for
     RGBA colours from 0 to 255; `style`: options of matplotlib's imshow.
@@ -264,7 +267,7 @@ def _small_goals(plane: PicturePlane) -> NDArray[np.int64]:
     """Return the cell index ranges of the n goals that need a ring because they are small, shape (n, 2, 2).
 
     The second index selects first cell or end (exclusive), the third one the axis.  A goal is small if its longer side
-    is below the fraction `_VISIBLE` of the picture's longer side; if more than `_MOST_RINGS` goals are small, n is 0.
+    is below 1.5 % of the picture's longer side; if more than 30 goals are small, n is 0.
     """
     from scipy.ndimage import find_objects
 
@@ -284,7 +287,7 @@ def _in_picture(plane: PicturePlane, cells: NDArray[np.float64]) -> NDArray[np.f
 
 
 def _ring_small_goals(plane: PicturePlane, axes: Axes) -> None:
-    """Draw a ring around each goal that is smaller than `_VISIBLE` of the picture's longer side."""
+    """Draw a ring around each goal below 1.5 % of the picture's longer side; no rings if more than 30 are so small."""
     boxes = _small_goals(plane)
     if not len(boxes):
         return

@@ -14,7 +14,7 @@ _LARGEST = 32
 """Largest width or height, in pixels, of a triangle whose pixels are tested directly; larger triangles are divided."""
 
 _STEP = 4
-"""Step, in pixels, to which the side of the square block of pixels that is tested for a triangle is rounded up."""
+"""For each triangle, a square block of pixels is tested; its side is rounded up to a multiple of this number."""
 
 _AT_ONCE = 1 << 20
 """Largest number of pairs of a pixel and a triangle that are tested at once, which limits the memory."""

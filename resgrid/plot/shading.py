@@ -17,7 +17,7 @@ from resgrid.plot.style import height_map
 
 Scale = Literal["auto", "linear", "log"]
 _DECADES_WORTH_A_LOG = 2.0
-"""Orders of magnitude between smallest and largest drop above which the scale "auto" is logarithmic."""
+"""Smallest number of orders of magnitude of the drop for which the scale "auto" is logarithmic."""
 _LINES = 16
 """Approximate number of equipotentials on a logarithmic scale."""
 _TAIL = 0.02
@@ -57,8 +57,8 @@ class Shading:
 def shading_of(field: Field | LatticeField, scale: Scale = "auto") -> Shading:
     """Return the values of a field's picture with their colour scale.
 
-    `scale`: "linear", "log" (logarithm of the drop) or "auto" (by the range of the drop).  Raises InputError for "log"
-    if the field has no drop.
+    `scale`: "linear" (potential), "log" (log10 of the drop) or "auto" ("log" if the drop spans two orders of magnitude
+    or more, otherwise "linear").  Raises InputError for "log" if the field has no drop.
     """
     if field.log_drop is None:
         if scale == "log":
@@ -81,9 +81,9 @@ def at_nodes(field: Field | LatticeField, value: NDArray[Any]) -> NDArray[Any]:
 
 
 def no_drop(field: Field, shading: Shading) -> NDArray[np.bool_]:
-    """Return the mask of goal-connected free cells with a drop of exactly 0, which has no logarithm.
+    """Return the mask of goal-connected free cells at the high rail, where the drop is 0 and has no logarithm.
 
-    The mask has the shape of the space; all its values are False on a linear scale.
+    The mask has the shape of the space; all its values are False if `shading` is a linear scale.
     """
     if field.log_drop is None or not shading.is_log:
         return np.zeros(field.space.shape, dtype=np.bool_)

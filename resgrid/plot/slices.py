@@ -32,8 +32,8 @@ def cuts_of(
 
     `axis`: normal axis, None for one slice for each pair of axes; `indices`: cell indices along `axis`, by default at
     most six; `through`: cell that the slices contain, by default the first goal cell in C order, or the cell in the
-    middle without goals.  With four axes, slices normal to `axis` are also normal to the last other axis.  Raises
-    InputError for slices outside the space.
+    middle without goals.  With four axes, slices normal to `axis` are also normal to the last of the other three axes.
+    Raises InputError for slices outside the space, and for `indices` without `axis`.
     """
     goals = np.argwhere(space.cell == Cell.GOAL)
     middle = goals[0] if len(goals) else np.array(space.shape) // 2
@@ -55,7 +55,7 @@ def cuts_of(
 def _checked_indices(size: int, indices: Sequence[int] | None, centre: int) -> list[int]:
     """Return the cell indices of slices normal to an axis of `size` cells; raise InputError for invalid `indices`.
 
-    By default, at most six evenly spaced indices, one of which is `centre`.
+    By default, at most six nearly evenly spaced indices, which include `centre`.
     """
     if indices is None:
         spread = np.linspace(0, size - 1, min(_MOST_SLICES, size)).round().astype(int)

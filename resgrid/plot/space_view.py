@@ -26,7 +26,8 @@ class SpaceView:
     window : Window
         Part of the picture plane.
     hidden_depth : float
-        Depth behind a surface from which a line is drawn as hidden, in the unit of the world coordinates.
+        Depth, in the unit of the world coordinates: a line is drawn as hidden where it lies farther than this depth
+        behind the nearest surface.
     """
 
     def __init__(self, camera: Camera, window: Window, hidden_depth: float) -> None:

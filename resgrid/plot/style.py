@@ -71,7 +71,7 @@ TEXT = 8.0
 SMALL = 7.0
 """Size of ticks and legends, in points."""
 LONG_LABEL = 28
-"""Number of characters of a legend entry from which a legend has one column less."""
+"""Smallest number of characters of an entry for which a legend of more than two columns has one column less."""
 DPI = 200
 """Default resolution of picture files, in dots per inch."""
 
@@ -143,7 +143,7 @@ def mark(places: ArrayLike, axes: Axes, kind: str, label: str | None = None) -> 
     """Mark points of the picture by symbols.
 
     `places` (n, 2): positions in coordinates of the picture; `kind`: "start", "goal", "end" (of a path, at a goal) or
-    "failure"; `label`: legend entry, by default the kind.
+    "failure"; `label`: legend entry, None for the kind, an empty text for no entry.
     """
     x, y = np.reshape(places, (-1, 2)).T
     if len(x):
@@ -154,7 +154,8 @@ def mark(places: ArrayLike, axes: Axes, kind: str, label: str | None = None) -> 
 def refresh_legend(axes: Axes, columns: int = 3, gap: float = 4.6) -> None:
     """Draw one legend below the axes, in which each label occurs once.
 
-    `columns`: largest number of columns; `gap`: distance from the axes, in units of the legend's font size.
+    `columns`: largest number of columns, one less if an entry is long; `gap`: distance from the axes, in units of the
+    legend's font size.
     """
     handles, labels = axes.get_legend_handles_labels()
     unique = dict(zip(reversed(labels), reversed(handles), strict=True))

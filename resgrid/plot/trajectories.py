@@ -25,10 +25,11 @@ def draw_trajectory(
     *,
     quantity: Literal["page", "speed", "position"] | None = None,
 ) -> Axes | Figure:
-    """Draw a timed path: its speed over time and its positions over time, or one of these.
+    """Draw the speed of a timed path over time, the positions over time, or both; return the axes, or a figure.
 
-    Axes with the same unit share a panel.  `ax`: axes to draw on, on which the speed is drawn by default; `quantity`:
-    "page" (both, the default without `ax`), "speed" or "position".  Returns the axes, or the figure of several panels.
+    Axes of the space with the same unit share a panel; a figure is returned if there are several panels.  `ax`: axes to
+    draw on, None for a new figure; `quantity`: "speed", "position", "page" for both, or None for "page" without `ax`
+    and "speed" with `ax`.
     """
     shown = quantity or ("page" if ax is None else "speed")
     groups = _axes_by_unit(trajectory.space.axes)
@@ -78,7 +79,7 @@ def _axes_by_unit(axes: tuple[Axis, ...]) -> dict[str, list[int]]:
 def _times(trajectory: Trajectory) -> NDArray[np.float64]:
     """Return ascending times (n,), in seconds, at which the curves of a trajectory are drawn.
 
-    Each knot of the trajectory occurs twice: just before the knot and at the knot.
+    Each knot (time at which a piece of the trajectory begins) after the first occurs twice: just before it and at it.
     """
     knots = trajectory.times
     before = np.nextafter(knots[1:], 0.0)

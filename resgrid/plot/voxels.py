@@ -1,4 +1,4 @@
-"""Pictures of voxel worlds: the shaded surface of the obstacles around the reachable space, and paths."""
+"""Pictures of spaces with axes x, y, z of a point or a ball: the shaded surface of the obstacles, and paths."""
 
 from __future__ import annotations
 
@@ -71,6 +71,20 @@ class VoxelView(SpaceView):
         Coordinate z, in axis units, above which obstacles are left out; None to show all obstacles.
     also : ndarray of float64, shape (n, 3)
         Points that the picture must contain, in axis units.
+
+    Attributes
+    ----------
+    solid, air, goal : ndarray of bool
+        Masks of the shown cells: obstacles with a surface, cells with a path to a goal, and goals.  The cells of large
+        spaces are joined into blocks.
+    axes : list of Axis
+        Axes x, y and z of the shown cells or blocks.
+    box : ndarray of float64, shape (2, 3)
+        Lower and upper corner of the shown cells, in axis units.
+    cut : ndarray of bool or None
+        Mask of the obstacles of the top layer where `top` cuts through obstacles; None without such a cut.
+    labels : float
+        Width of the border for the axis labels around the picture, in axis units.
     """
 
     def __init__(
@@ -242,9 +256,9 @@ def draw_paths_in_view(
     """Draw the surface of the obstacles of a space with axes x, y and z, and paths; return the axes.
 
     `styles`: legend entry ``label`` and matplotlib's line options for each path; `ax`: axes to draw on, None for a new
-    figure; `camera`: direction of the view; `top`: coordinate z above which obstacles are left out, None to leave out
-    those above the paths if they hide more than `_HIDDEN` of them; `unknown`: mask of obstacle cells of unknown
-    occupancy, None without any.
+    figure; `camera`: direction of the view; `top`: coordinate z, in axis units, above which obstacles are left out,
+    None to leave out obstacles above the paths if obstacles hide more than 40 % of the paths; `unknown`: mask of
+    obstacle cells of unknown occupancy, which have no surface; None for no such cells.
     """
     lines = [points_of(path, space) for path in paths]
     dense = [subdivided(line, PIECES) for line in lines]

@@ -67,7 +67,7 @@ def draw_scene(scene: Scene, ax: Axes | None = None) -> Axes:
 
 
 def draw_robot(path: Motion, scene: Scene, ax: Axes | None = None, *, ghosts: int | None = None) -> Axes:
-    """Draw poses of a scene's robot along a path, and the path of its reference point.
+    """Draw poses of a scene's robot along a path, and the path of its reference point, such as the tip of an arm.
 
     The robot is black at the start, blue at the end and pale between.
 
@@ -187,7 +187,7 @@ def draw_workspace_and_space(
     verdict : Separation, optional
         Obstacles that separate the start from the goals; drawn in the configuration space in place of the path.
     separating : sequence of Shape
-        Obstacles of the workspace that are marked as separating.
+        Obstacles of the workspace that are marked as separating the start from the goals.
     title, caption : str
         Texts above the figure.
 
@@ -277,7 +277,7 @@ def _draw_surroundings(scene: Scene, ax: Axes | None) -> Axes:
 
 
 def _goal_regions(scene: Scene) -> list[Shape]:
-    """Return the goals of a scene that are shapes in the plane."""
+    """Return the goals of a scene that are shapes in the plane, without sets of cells."""
     return [
         goal for goal in scene.goals if isinstance(goal, Shape) and not isinstance(goal, CellSet) and goal.ndim == 2
     ]

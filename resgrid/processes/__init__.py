@@ -1,4 +1,4 @@
-"""Chip processes as data: sheet resistances, design rules, mismatch and temperature coefficients.
+"""Public names for chip processes: types of their data (layers, design rules, resistors, mismatch) and their reader.
 
 >>> rg.processes.read_process("ihp-sg13g2:rhigh").resistor.sheet_resistance
 1360.0

@@ -71,11 +71,12 @@ class Cut:
     below, above : str
         Names of the connected layers.
     size, space : float
-        Side of a square and distance of squares, in micrometres.
+        Side of a square, and smallest distance between two squares, in micrometres.
     enclosure_below, enclosure_above : float
         Smallest overlap of the layers `below` and `above` over the square on every side, in micrometres.
     array_space : float or None
-        Distance of squares in arrays of more than `array_rows` rows and columns, in micrometres; None without a rule.
+        Smallest distance between squares in arrays with more than `array_rows` rows and more than `array_rows` columns,
+        in micrometres; None without a rule.
     array_rows : int or None
         Largest number of rows or columns for which `space` suffices; None without a rule.
     resistance : float or None
@@ -112,7 +113,7 @@ class Pad:
     layers : tuple of str
         Names of the layers of the pad.
     size, space : float
-        Side of a pad and distance of pads, in micrometres.
+        Side of a pad, and smallest distance between two pads, in micrometres.
     opening : str or None
         Name of the layer that opens the passivation, None without such a layer.
     opening_enclosure : float
@@ -138,7 +139,7 @@ class Resistor:
     """A straight resistor: a body of width W and length L between two heads with contacts.
 
     The resistance is ``Rs L / (W + dW) + 2 Rz / W``, with the sheet resistance ``Rs``, the width correction ``dW`` and
-    the end resistance ``Rz``.  An attribute is None if the source does not give the figure.
+    the end resistance ``Rz``, all lengths in metres.  An attribute is None if the source does not give the figure.
 
     Attributes
     ----------
@@ -149,9 +150,9 @@ class Resistor:
     corners : mapping of str to float
         Sheet resistance at the corners ``"low"`` and ``"high"``, in ohms per square, as far as the source states them.
     width_correction : float
-        Electrical width minus drawn width ``dW``, in micrometres.
+        Width correction ``dW``: electrical width minus drawn width, in micrometres.
     end_resistance : float
-        Resistance of one end times the drawn width ``Rz``, in ohm metres.
+        End resistance ``Rz``: resistance of one end times the drawn width, in ohm metres.
     min_width, max_width, min_length, max_length, min_space : float or None
         Range of width and length, and smallest distance of two resistors, in micrometres; a largest value is None if
         the source states no limit.
@@ -162,11 +163,11 @@ class Resistor:
     body, ends : tuple of str
         Names of the layers drawn on the body, and on each head.
     covers : mapping of str to tuple of float
-        By name, layers that cover body and heads: overlaps across and along the current, in micrometres.
+        Layers that cover body and heads, by name: overlaps across and along the current, in micrometres.
     body_covers : mapping of str to tuple of float
-        By name, layers that cover the body only: overlaps across and along the current, in micrometres.
+        Layers that cover the body only, by name: overlaps across and along the current, in micrometres.
     mismatch : float or None
-        Standard deviation of the sheet resistance times ``sqrt(W L)``, in percent times micrometres.
+        Standard deviation of the sheet resistance, in percent of its mean, times ``sqrt(W L)`` in micrometres.
     width_mismatch : float
         Standard deviation of the width times ``sqrt(L)``, in micrometres to the power 1.5.
     length_mismatch : float
@@ -267,9 +268,10 @@ class Resistor:
     def pelgrom(self, width: float, length: float) -> float | None:
         """Return the effective Pelgrom coefficient ``sigma sqrt(W L)``, in percent times micrometres.
 
-        The result is None if the process states no mismatch. The variances of sheet resistance, width and length add
-        up: ``A^2 + (B / W)^2 W + (C / L)^2 L``, with ``A`` of `mismatch` and ``B``, ``C`` of `width_mismatch` and
-        `length_mismatch` in percent. `width`, `length`: drawn width W and length L of the body, in micrometres.
+        Here ``sigma`` is the standard deviation of the resistance in percent. The result is None if the process states
+        no mismatch. Its square is the sum of the contributions of sheet resistance, width and length,
+        ``A^2 + B^2 / W + C^2 / L``, with ``A`` = `mismatch`, ``B`` = 100 `width_mismatch` and ``C`` = 100
+        `length_mismatch`. `width`, `length`: drawn width W and length L of the body, in micrometres.
         """
         if self.mismatch is None:
             return None
@@ -293,7 +295,7 @@ class Process:
     layers, cuts : mapping
         Layers (`Layer`) and contacts or vias (`Cut`), by name.
     pad : Pad
-        Bond pads.
+        Size, distance and layers of bond pads.
     resistors : mapping of str to Resistor
         All resistors of the process, by name.
 
@@ -334,17 +336,18 @@ class Process:
         return self.layers[layer].min_width
 
     def min_space(self, layer: str, width: float = 0.0) -> float | None:
-        """Return the smallest distance of shapes on a layer in micrometres; None if it is not known.
+        """Return the smallest distance of two shapes on a layer in micrometres; None if it is not known.
 
-        `width`: width of the wider shape in micrometres, because wide shapes need larger distances.
+        `width`: width of the wider shape in micrometres, because wide shapes need larger distances; 0 for the rule of
+        narrow shapes.
         """
         rules = [space for limit, space in self.layers[layer].wide_space if width > limit]
         return max(rules, default=self.layers[layer].min_space)
 
     def enclosure(self, cut: str, layer: str) -> float:
-        """Return the smallest overlap in micrometres of a layer over a contact or via that it connects.
+        """Return the smallest overlap in micrometres of a layer over a contact or via, on every side.
 
-        `cut`: name of the contact or via; `layer`: name of the layer.
+        `cut`: name of the contact or via; `layer`: name of one of the two layers that the contact or via connects.
         """
         sides = {self.cuts[cut].below: self.cuts[cut].enclosure_below}
         return (sides | {self.cuts[cut].above: self.cuts[cut].enclosure_above})[layer]

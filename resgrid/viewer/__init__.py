@@ -1,6 +1,7 @@
-"""The 3-D view of an arm in the browser: a slider along the path, and handles for start and goal that plan again.
+"""The 3-D view of an arm, a point or a ball in the browser: a slider along the path, and handles for start and goal.
 
-The packages of the extra ``viewer`` (viser) show the scene; all computations run in Python.
+A move of the start or the goal plans again.  The packages of the extra ``viewer`` (viser) show the scene; all
+computations run in Python.
 """
 
 from resgrid.viewer.launch import Viewer, view

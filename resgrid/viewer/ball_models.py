@@ -1,4 +1,4 @@
-"""Models of a ball and of a voxel world's obstacles in the 3-D scene that the package viser displays."""
+"""Models of a ball, and of the obstacle and goal cells around it, in the 3-D scene that the package viser displays."""
 
 from __future__ import annotations
 
@@ -31,7 +31,10 @@ _BANDS = 24
 
 
 class BallModel:
-    """A ball that can be moved, in a 3-D scene of the package viser; `name`: name of its node in the scene."""
+    """A ball that can be moved, in a 3-D scene of the package viser.
+
+    `server`: server of the scene; `name`: name of the ball's node in the scene; `radius`: radius in world units.
+    """
 
     def __init__(self, server: viser.ViserServer, name: str, radius: float, colour: Colour) -> None:
         self._ball = server.scene.add_icosphere(f"/{name}", radius=radius, color=colour)
@@ -49,7 +52,8 @@ def add_voxels(server: viser.ViserServer, space: ConfigurationSpace) -> None:
     """Add the surface of the obstacles, coloured by height, and the goal cells to a scene of viser.
 
     The surface consists of the faces between obstacles and goal or goal-connected cells. The faces are visible from the
-    front only, so that the camera looks into closed rooms.
+    front only, so that the camera looks into closed rooms. `space`: space with the axes x, y and z of a point or a
+    ball; many cells are joined into blocks.
     """
     block = block_of(space.axes)
     axes = [coarse_axis(axis, block) for axis in space.axes]
@@ -71,7 +75,8 @@ def _add_faces(
 ) -> None:
     """Add faces to a scene of viser.
 
-    `name`: name of their node; `colour`: red, green and blue from 0 to 255; `opacity`: 0 to 1, None for opaque faces.
+    `name`: name of the node of the faces in the scene; `colour`: red, green and blue from 0 to 255; `opacity`: 0 to 1,
+    None for opaque faces.
     """
     if not len(faces.corners):
         return
@@ -86,7 +91,7 @@ def _add_faces(
 def _tint(band: int) -> Colour:
     """Return the colour, red, green and blue from 0 to 255, of obstacles in a range of heights.
 
-    `band`: index of the range, from 0 at the bottom to `_BANDS` - 1.
+    `band`: index of the range, from 0 at the bottom to 23 at the top.
     """
     stops = np.array([rgb(colour) for colour in SURFACE], dtype=np.float64)
     place = (band + 0.5) / _BANDS * (len(stops) - 1)

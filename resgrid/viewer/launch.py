@@ -1,4 +1,4 @@
-"""Start and stop of the 3-D view."""
+"""Start and stop of the 3-D view of an arm, a point or a ball on its path: a server, and its page in the browser."""
 
 from __future__ import annotations
 
@@ -29,11 +29,23 @@ _HOST = "127.0.0.1"
 """Address of the server: only this computer has access."""
 
 _DIRECTION = np.array([1.0, -1.3, 0.8])
-"""Vector in world axes from the middle of the view to the initial camera, as a multiple of the extent of the view."""
+"""Vector in world axes from the middle of the view to the initial camera, as a multiple of the view's extent.
+
+The extent is the reach of an arm, or half the diagonal of the grid of a point or a ball.
+"""
 
 
 class Viewer:
     """A 3-D view and its server; closed by `close`, by Ctrl-C in `wait`, or at the end of a ``with`` block.
+
+    Parameters
+    ----------
+    shown : Scene or Streamline
+        Scene with an arm, or with a point or a ball in space; or a path of a point or a ball in space.
+    port : int
+        Port of the server; 0 for any free port.
+    space : ConfigurationSpace, optional
+        Space of the scene; by default it is built.
 
     Attributes
     ----------
@@ -82,7 +94,7 @@ class Viewer:
             pass
 
     def close(self) -> None:
-        """Stop the server."""
+        """Stop the threads that plan and play, and the server."""
         if not self._ended.is_set():
             self._ended.set()
             self.panel.close()
@@ -96,9 +108,9 @@ class Viewer:
 def view(
     shown: Scene | Streamline, *, space: ConfigurationSpace | None = None, port: int = 0, browser: bool = True
 ) -> Viewer:
-    """Open a 3-D view in the browser: obstacles, the robot on its path with a slider, and handles for its ends.
+    """Open a 3-D view in the browser: obstacles, the robot on its path with a slider, and handles for start and goal.
 
-    A start that changes gives a new streamline; a goal that changes is solved again, without new geometry.  Obstacles
+    A new start gives a new streamline; for a new goal the circuit is solved again, with the same obstacles.  Obstacles
     of a point or a ball in space are shown as the surface of their cells.  A thread of this process serves the view to
     this computer only.
 
@@ -176,7 +188,10 @@ def _silent() -> Iterator[None]:
 
 
 def _free_port(port: int) -> int:
-    """Return a free port of this computer: the given one, or any free port for 0; raise InputError if it is in use."""
+    """Return a free port of this computer: the given port, or any free port for 0.
+
+    Raises InputError if the given port is in use or out of range.
+    """
     if not 0 <= port <= 65535:
         raise InputError(f"port = {port} must lie between 0 and 65535")
     with socket.socket() as probe:

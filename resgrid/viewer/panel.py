@@ -36,7 +36,8 @@ Model = ArmModel | BallModel
 class Panel:
     """The controls of a 3-D view, and the threads that plan after changes and play the motion.
 
-    `task`: solved space with start and goal, which no other object may change.
+    `server`: server of viser; `task`: solved space with start and goal, which no other object may change; `motion`:
+    displayed path; `robot`: model of the moving robot; `ghosts`: models at "start" and "goal".
     """
 
     def __init__(self, server: viser.ViserServer, task: ArmPlan | PointPlan) -> None:
@@ -70,7 +71,7 @@ class Panel:
         return (ArmModel(server, task.robot, "robot", ROBOT), *add_ghosts(server, task.robot))
 
     def close(self) -> None:
-        """End the threads; the result of a computation that still runs is not shown."""
+        """End the threads that plan and play; the result of a computation that still runs is not shown."""
         with self._display:
             self._closed.set()
         self._changed.set()
@@ -151,8 +152,8 @@ class Panel:
     def _ask(self, which: str, pose: NDArray[np.float64]) -> None:
         """Request a path for a new start or goal.
 
-        During a computation, a new start replaces a start that still waits, and so does a new goal.  `which`: "start"
-        or "goal"; `pose` (ndim,): configuration.
+        During a computation, a new start replaces a start that still waits, and a new goal a goal that still waits.
+        `which`: "start" or "goal"; `pose` (ndim,): configuration.
         """
         self._place(which, pose)
         with self._lock:
@@ -193,7 +194,7 @@ class Panel:
                     self._show_motion()
 
     def _show_motion(self) -> None:
-        """Show the path of the tool, the outcome, and the robot at the position of the slider."""
+        """Show the path of the tool or the ball, the outcome, and the robot at the position of the slider."""
         add_line(self.server, self.task.places(self.motion.configurations))
         if self.task.goal is None:
             self._place("goal", self.motion.configurations[-1])

@@ -1,4 +1,8 @@
-"""Planning for the 3-D view of an arm: paths after a move of the start or the goal; no display code."""
+"""Planning for the 3-D view after a move of the start or the goal, without display code.
+
+`ArmPlan` is the solved scene of an arm.  The other definitions serve points and balls, too: motions, the interface of a
+solved space, and the change of the goal of a space.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +37,8 @@ _CLEARANCE_STEP = 0.02
 _ITERATIONS = 40
 """Largest number of iterations of the inverse kinematics that moves the tool to a dragged handle.
 
-After these, or once all joints change by less than 1e-5 radians or metres, the last configuration is used.
+The last configuration is used after these iterations, or after an iteration that changes every joint by less than 1e-5
+radians or metres.
 """
 
 _DAMPING = 0.05
@@ -90,7 +95,7 @@ class ArmPlan:
     goal : ndarray of float64, shape (ndim,), or None
         Goal configuration; None for the goals of the scene.
     is_solved : bool
-        Whether the planner has this goal; False after a goal that does not lie in a free cell.
+        Whether the current field was solved for `goal`; False after a goal in a cell that is not free.
     """
 
     def __init__(self, scene: Scene, space: ConfigurationSpace | None = None) -> None:
@@ -225,7 +230,8 @@ def require_arm(scene: Scene) -> URDFRobot:
 class Task(Protocol):
     """Interface of a solved space whose goal can change, and whose path can be shown.
 
-    `goal` (ndim,): goal configuration, None for the goals of the scene; `is_solved`: whether this goal was solved.
+    `goal` (ndim,): goal configuration, None for the goals of the scene; `is_solved`: whether the current field was
+    solved for `goal`.
     """
 
     goal: NDArray[np.float64] | None
@@ -242,10 +248,10 @@ class Task(Protocol):
 
 
 def answer(task: Task, goal: NDArray[np.float64] | None) -> Motion:
-    """Return the motion of a task to the goal `goal` (ndim,), or for None to the goals that the task has.
+    """Return the motion of a task to the goal configuration `goal` (ndim,), or for None to the goals that the task has.
 
     After an error of resgrid, the motion stays at the start and contains the message of the error.  A goal that caused
-    an error is tried again, and does not fall back to the goal before.
+    an error is kept: the next call with None tries this goal again.
     """
     if goal is not None:
         task.goal, task.is_solved = goal, False

@@ -39,6 +39,17 @@ class PointPlan:
         Start in world coordinates; None for a place far from the goals.
     title : str
         Title of the view.
+
+    Attributes
+    ----------
+    start : ndarray of float64, shape (3,)
+        Start in world coordinates.
+    goal : ndarray of float64, shape (3,), or None
+        Goal in world coordinates; None for the goals of the space.
+    is_solved : bool
+        Whether the current field was solved for `goal`; False after a goal in an obstacle cell.
+    lower, upper : ndarray of float64, shape (3,)
+        Corners of the grid, in axis units.
     """
 
     def __init__(
