@@ -21,7 +21,7 @@ class Joints(TableModel):
 
 
 class JointBox(TableModel):
-    """A goal that is a box of configurations; corners in world coordinates, of an arm joint values (radians, metres)."""
+    """A goal that is a box of configurations: corners in world coordinates, of an arm joint values (rad or m)."""
 
     joints_lower: Annotated[Coordinates, Field(description="Lower corner of the box.")]
     joints_upper: Annotated[Coordinates, Field(description="Upper corner of the box.")]

@@ -1,4 +1,4 @@
-"""Changes of single keys of a scene, as by the options of the command line."""
+"""Changes of single keys of a scene, as by the options of the command line, and the document of a scene."""
 
 from __future__ import annotations
 
@@ -83,8 +83,8 @@ def apply_overrides(scene: Scene, changes: Mapping[str, Any]) -> Scene:
     ``start`` and ``start_cell`` take one place or a list of places, in world coordinates or as cell indices from 0,
     and replace all goals or starts.  ``goal_tolerance`` is the tolerance of all goals that are points.  A text is
     parsed as a TOML value (``"4.5"`` is a number, ``"[0, 1]"`` a list) or as numbers separated by commas, and stays a
-    text otherwise.  ``robot.type`` and ``robot.footprint`` replace the whole robot.  The order of the changes has no
-    effect.
+    text otherwise; None removes the key.  ``robot.type`` and ``robot.footprint`` replace the whole robot.  The order
+    of the changes has no effect.  `changes`: new values by key path.
     """
     document = _apply(document_of(scene), changes)
     is_same_map = scene.map is not None and document.get("map") == plain(scene.map.table)
@@ -225,11 +225,11 @@ def _set(document: dict[str, Any], key: str, value: Any) -> None:
 
 
 def _drop_sizes(document: dict[str, Any], keys: Sequence[str]) -> None:
-    """Remove ``cells`` and ``spacing`` from all axes of a document whose number or width of cells is changed.
+    """Remove ``cells`` and ``spacing`` from those axes of a document of which one of these two keys is changed.
 
     `document`: keys and tables of a scene file, changed in place; `keys`: changed key paths, such as
-    ``grid.axes.0.cells``. Axes that the robot implies are first written into the document.  The key ``grid.cells``
-    applies only to axes that have neither of the two keys.
+    ``grid.axes.0.cells``; ``grid.cells`` changes all axes, because it applies only to axes without the two keys.  Axes
+    that the robot implies are first written into the document.
     """
     from resgrid.scene.schema import robot_of
 

@@ -30,7 +30,7 @@ class Quantity:
     """Annotation of a number with its SI unit, which may be written as an engineering value such as ``4k7``.
 
     `unit`: SI unit, empty for a dimensionless number; `is_fraction`: whether the number may also be written as a
-    percentage.
+    percentage, such as ``10 %``.
     """
 
     unit: str

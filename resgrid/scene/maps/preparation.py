@@ -94,8 +94,8 @@ class Preparation:
     def apply(self, source: MapSource, periodic: Sequence[str] = ()) -> MapCells:
         """Return the cells of a map after cropping, and after joining or dividing cells.
 
-        `periodic`: names of the periodic axes of the map. Raises InputError if the cropped part is empty, or if a
-        periodic axis would be cut.
+        `source`: the map; `periodic`: names of its periodic axes. Raises InputError if the cropped part is empty, if a
+        periodic axis would be cut, or if cells are joined over more than the map.
         """
         axes = source.axes
         whole = whole_window(axes)
@@ -120,9 +120,9 @@ class Preparation:
         return self._resized(source, inner, outer)
 
     def _margin(self, axis: Axis) -> int:
-        """Return the width, in cells, of the border around a cropped part whose obstacles the robot can touch.
+        """Return the width, in cells, of the border around a cropped part within which the robot can touch obstacles.
 
-        The width is 0 without cropping. `axis`: axis of the map across the border.
+        The width is 0 without cropping, and for a point. `axis`: axis of the map along which the width is measured.
         """
         if self.crop is None or not self.extent:
             return 0
@@ -131,7 +131,7 @@ class Preparation:
     def _inflated(self, codes: NDArray[np.uint8], unknown: NDArray[np.bool_] | None) -> NDArray[np.bool_]:
         """Return the mask of obstacle cells that no point of the robot may touch, in the shape of `codes`.
 
-        `codes`: cell codes; `unknown`: mask of unknown cells, None without any; unless `inflate_around_unknown`,
+        `codes`: cell codes; `unknown`: mask of unknown cells, None without any.  If `inflate_around_unknown` is False,
         unknown cells are not in the result.
         """
         blocked = np.asarray(codes == Cell.OBSTACLE)
@@ -223,7 +223,10 @@ class LoadedMap:
         return self.loaded.frame
 
     def known(self) -> Window | None:
-        """Return the smallest window with all cells of known occupancy; None if no cell is known."""
+        """Return the smallest window with all cells of known occupancy; None if no cell is known.
+
+        Raises InputError for a map whose format has no unknown cells.
+        """
         if self.loaded.unknown is None:
             raise no_unknown_cells(len(self.axes))
         return extent_of_mask(~self.loaded.unknown)
@@ -294,7 +297,7 @@ def window_of_box(axes: Sequence[Axis], frame: Frame, box: Sequence[float]) -> W
 
 
 def check_corners(box: Sequence[float]) -> None:
-    """Raise InputError unless the lower corner of a box, finite like the upper corner, lies below the upper corner.
+    """Raise InputError unless both corners of a box are finite, and the lower one is below the upper one on each axis.
 
     `box`: coordinates of the lower corner, then of the upper corner.
     """
@@ -328,7 +331,7 @@ Arrays = tuple[NDArray[np.uint8], NDArray[np.bool_] | None, NDArray[np.float64] 
 """Cell codes, mask of unknown cells, and conductivities of a map, of equal shapes; the last two may be None."""
 
 _CELLS_PER_BAND = 1 << 22
-"""Number of cells of the file that are read and joined at once; limits the memory for them."""
+"""Number of cells of a map that are read at once before they are joined to coarse cells; limits the memory."""
 
 
 def _coarsened_in_bands(source: MapSource, step: int, window: Window, pads: Sequence[tuple[int, int]]) -> Arrays:

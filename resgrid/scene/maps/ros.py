@@ -1,4 +1,4 @@
-"""Reader of ROS occupancy maps, ``map.yaml`` and its picture, in several dialects."""
+"""Reader of ROS occupancy maps (``map.yaml`` and its picture) in several dialects, whole or in parts."""
 
 from __future__ import annotations
 
@@ -65,8 +65,8 @@ class RosParts:
     """A ROS map of which parts can be read.
 
     `path`: the ``map.yaml``; `header`: its keys; `picture`: its picture, of which parts can be converted; `dialect`:
-    ROS map reader whose rules apply; `options`: further options of `read_ros`; `axes`: axes of the whole map; `frame`:
-    transformation from map coordinates to the world.
+    ROS map reader whose rules apply; `options`: values of ``unknown``, ``lethal`` and ``least_conductivity`` by name,
+    as for `read_ros`; `axes`: axes of the whole map; `frame`: transformation from map coordinates to the world.
     """
 
     path: Path
@@ -110,7 +110,11 @@ class RosParts:
 
 
 def open_ros(path: Path, dialect: Dialect = NEWEST, **options: Any) -> RosParts:
-    """Return a ROS map of which parts can be read; `path`: the ``map.yaml``; the options are those of `read_ros`."""
+    """Return a ROS map of which parts can be read.
+
+    `path`: the ``map.yaml``; `dialect`: ROS map reader whose rules apply; `options`: ``unknown``, ``lethal`` and
+    ``least_conductivity`` of `read_ros`.
+    """
     header = read_header(path, dialect)
     name = picture_of(path, header.image)
     picture = open_picture(name)
@@ -134,8 +138,9 @@ def _cells(
     """Return the cells of a ROS map.
 
     `occupancy` (height, width): in percent, -1 for unknown, bottom row first; `header`: keys of the ``map.yaml``;
-    `axes`: axes of the cells in map coordinates; `frame`: transformation from map coordinates to the world; `unknown`,
-    `lethal`, `least_conductivity`: options of `read_ros`.
+    `axes`: axes of the cells in map coordinates; `frame`: transformation from map coordinates to the world; `unknown`:
+    treatment of unknown cells, obstacle or free; `lethal`: smallest occupancy of an obstacle, None for the threshold in
+    `header`; `least_conductivity`: conductivity just below `lethal`, None for 1 everywhere.
     """
     occupied = _is_occupied(occupancy, header, lethal)
     unseen = occupancy == UNKNOWN
@@ -230,8 +235,9 @@ def _warn_of_palette(picture: Path, raster: Raster, dialect: Dialect) -> None:
 def place_of_map(origin: Sequence[float], resolution: float, shape: tuple[int, ...]) -> tuple[tuple[Axis, ...], Frame]:
     """Return the axes of a ROS map in map coordinates, and the transformation from map coordinates to the world.
 
-    `origin`: x, y and yaw of the lower left corner in metres and radians; `resolution`: width of a cell in metres;
-    `shape`: (height, width) in cells.
+    Without a yaw, map coordinates are world coordinates; otherwise their origin is the lower left corner.  `origin`: x,
+    y and yaw of the lower left corner in metres and radians; `resolution`: width of a cell in metres; `shape`: (height,
+    width) in cells.
     """
     height, width = shape
     x, y, yaw = origin

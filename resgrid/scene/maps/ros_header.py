@@ -43,8 +43,9 @@ class RosHeader(BaseModel):
 
     `image`: file name of the picture; `resolution`: width of a pixel, in metres; `origin`: pose of the lower-left
     corner of the lower-left pixel: x and y in metres, yaw in radians, anticlockwise; `negate`: whether light pixels are
-    occupied; `occupied_thresh`, `free_thresh`: thresholds of a pixel's darkness, 0 to 1; `mode`: conversion of grey
-    values.
+    occupied; `occupied_thresh`, `free_thresh`: darkness, 0 to 1, above which a pixel is occupied and below which it is
+    free; `mode`: ``trinary`` (pixels in between are unknown), ``scale`` (in between, the occupancy grows linearly) or
+    ``raw`` (grey values are occupancies).
     """
 
     model_config = ConfigDict(frozen=True, allow_inf_nan=False)

@@ -15,7 +15,8 @@ def smaller_map(shape: Sequence[int], ratio: float, known: Sequence[tuple[int, i
     """Return text that names the options which make a map fit in memory, with the numbers of cells that remain.
 
     `shape`: number of cells along every axis of the map; `ratio`: needed divided by available memory; `known`: window
-    of the cells of known occupancy, None for a map without unknown cells.
+    of the cells of known occupancy, for each axis the first index and the index after the last one; None for a map
+    without unknown cells.
     """
     box = {2: "X0,Y0,X1,Y1", 3: "X0,Y0,Z0,X1,Y1,Z1"}.get(len(shape))
     parts = [] if box is None else [f"--crop {box} keeps the part that you need"]
@@ -49,7 +50,8 @@ def coarser_division(shape: Sequence[int], ratio: float, refine: int) -> str:
 def _joined(shape: Sequence[int], ratio: float) -> str:
     """Return text with the option ``coarsen`` that divides the number of cells by at least `ratio`, and the new size.
 
-    `shape`: number of cells along every axis; the new size is the number of coarse cells along every axis.
+    `shape`: number of cells along every axis; `ratio`: needed divided by available memory; if it is at most 1, the text
+    contains no option.  The new size is the number of coarse cells along every axis.
     """
     step = ceil(max(ratio, 1.0) ** (1 / len(shape)))
     while prod(ceil(cells / step) for cells in shape) * ratio > prod(shape):

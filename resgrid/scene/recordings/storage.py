@@ -93,7 +93,7 @@ def type_store(ros: Literal[1, 2]) -> Typestore:
 
 
 def storage_of(path: Path) -> Storage:
-    """Return the kind of a recording; raise InputError for a file or folder that is no recording."""
+    """Return the kind of a recording by its suffix (of a folder by ``metadata.yaml``); raise InputError for others."""
     if not path.exists():
         raise InputError(f"{path}: there is no such recording; check the name and the folder")
     if path.is_dir():

@@ -53,7 +53,7 @@ def read_pcd(path: Path) -> NDArray[np.float64]:
 
 
 def _header(data: bytes, path: Path) -> PCDHeader:
-    """Return the header of the content of a PCD file."""
+    """Return the header of a PCD file; `data`: content of the file; `path`: name of the file, for messages."""
     entries: dict[str, list[str]] = {}
     start = 0
     while "DATA" not in entries:
@@ -117,7 +117,10 @@ def _records(body: memoryview, header: PCDHeader, path: Path) -> NDArray[np.void
 
 
 def _planes(data: bytes, header: PCDHeader) -> dict[str, NDArray[np.void]]:
-    """Return the fields of the points by name from decompressed data, in which each field's values are consecutive."""
+    """Return the values of each field, one per point, by name of the field.
+
+    `data`: decompressed data, in which the values of a field are consecutive.
+    """
     fields, start = {}, 0
     for name in header.dtype.names or ():
         kind, size = header.dtype[name], header.dtype[name].itemsize * header.points
@@ -148,7 +151,7 @@ def _decompressed(body: memoryview, header: PCDHeader, path: Path) -> bytes:
 def decompress_lzf(data: bytes, size: int) -> bytes:
     """Return data decompressed by the algorithm of LibLZF (M. Lehmann); raise IndexError for damaged data.
 
-    `size`: length of the decompressed data in bytes; decompression stops beyond it.
+    `size`: length of the decompressed data in bytes; decompression stops once the result is longer.
     A control byte below 32 precedes that many literal bytes plus one.  Other control bytes hold the length minus 2 of a
     repetition in the upper three bits (7: the next byte is added), and the upper five bits of its distance minus 1.
     """
