@@ -24,7 +24,10 @@ PLACE_KEYS = {"goal": "point", "goal_cell": "cell", "start": "point", "start_cel
 
 
 def document_of(scene: Scene) -> dict[str, Any]:
-    """Return the keys and tables of a scene's file as a dictionary, from which `build_scene` builds an equal scene."""
+    """Return the keys and tables of a scene's file as a dictionary, from which `build_scene` builds an equal scene.
+
+    Raises InputError for a robot or a shape that a scene file cannot describe.
+    """
     document = {"schema": 1, "robot": _robot_table(scene.robot), "starts": plain(scene.starts)}
     for key in IN_FILES:
         value = getattr(scene, key)
@@ -115,7 +118,10 @@ def _lines_of_file(lines: Mapping[KeyPath, int], changes: Mapping[str, Any]) -> 
 
 
 def _parts(key: str) -> KeyPath:
-    """Return the parts of a key path as a tuple: ``obstacle.2.radius`` becomes ``("obstacle", 2, "radius")``."""
+    """Return the parts of a key path as a tuple: ``obstacle.2.radius`` becomes ``("obstacle", 2, "radius")``.
+
+    ``goal_cell`` and ``start_cell`` become ``("goal",)`` and ``("start",)``, the keys that they replace.
+    """
     head, *rest = key.split(".")
     head = head.removesuffix("_cell") if head in PLACE_KEYS else head
     return (head, *(int(part) if part.isascii() and part.isdigit() else part for part in rest))
@@ -171,7 +177,10 @@ def _apply(raw: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]
 
 
 def _set_tolerance(document: dict[str, Any], tolerance: Any) -> None:
-    """Set the tolerance of all goals of a document that are points; raise InputError if no goal is a point."""
+    """Set the tolerance of all goals of a document that are points; raise InputError if no goal is a point.
+
+    `document`: keys and tables of a scene file, changed in place; `tolerance`: the new value, not validated.
+    """
     goals = document.get("goal")
     points = [goal for goal in goals if isinstance(goal, dict) and "point" in goal] if isinstance(goals, list) else []
     if not points:

@@ -1,4 +1,4 @@
-"""Parsing and formatting of engineering values such as ``10k``, ``4k7``, ``2.2meg``, ``100n``."""
+"""Engineering values such as ``10k``, ``4k7``, ``100n``: parsing, formatting, and annotations of keys for pydantic."""
 
 from __future__ import annotations
 

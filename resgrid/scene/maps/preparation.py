@@ -37,13 +37,13 @@ class MapSource(Protocol):
         """Transformation from map coordinates to world coordinates."""
 
     def known(self) -> Window | None:
-        """Return the smallest window that contains all cells of known occupancy; None if no cell is known.
+        """Return the index ranges (first, end), one per axis, end excluded, of the smallest box with all known cells.
 
-        Raises InputError for a format without unknown cells.
+        None if no cell is known.  Raises InputError for a format without unknown cells.
         """
 
     def cells(self, window: Window) -> MapCells:
-        """Return the cells of a window, with the axes of this part."""
+        """Return the cells of a part, with its axes; `window`: index range (first, end) per axis, end excluded."""
 
 
 @dataclass(frozen=True)
@@ -223,16 +223,16 @@ class LoadedMap:
         return self.loaded.frame
 
     def known(self) -> Window | None:
-        """Return the smallest window with all cells of known occupancy; None if no cell is known.
+        """Return the index ranges (first, end), one per axis, end excluded, of the smallest box with all known cells.
 
-        Raises InputError for a map whose format has no unknown cells.
+        None if no cell is known.  Raises InputError for a format without unknown cells.
         """
         if self.loaded.unknown is None:
             raise no_unknown_cells(len(self.axes))
         return extent_of_mask(~self.loaded.unknown)
 
     def cells(self, window: Window) -> MapCells:
-        """Return the cells of a window, as a copy unless the window is the whole map."""
+        """Return the cells of a part, copied unless it is the whole map; `window`: range (first, end) per axis."""
         at = tuple(slice(*ends) for ends in window)
         if all(part == slice(0, size) for part, size in zip(at, self.loaded.cell.shape, strict=True)):
             return self.loaded
@@ -256,7 +256,7 @@ def no_unknown_cells(ndim: int) -> InputError:
 
 
 def extent_of_mask(mask: NDArray[np.bool_]) -> Window | None:
-    """Return the smallest window that contains all True entries of a mask; None without such an entry."""
+    """Return the ranges (first, end), one per axis, end excluded, of the smallest box with all True entries, or None."""
     ends = []
     for axis in range(mask.ndim):
         found = np.flatnonzero(mask.any(axis=tuple(other for other in range(mask.ndim) if other != axis)))
@@ -267,7 +267,7 @@ def extent_of_mask(mask: NDArray[np.bool_]) -> Window | None:
 
 
 def window_of_box(axes: Sequence[Axis], frame: Frame, box: Sequence[float]) -> Window:
-    """Return the smallest window of whole cells that covers the part of a box inside the map.
+    """Return the index ranges (first, end), one per axis, of the fewest cells that cover the part of a box in the map.
 
     `axes`: axes of the map; `frame`: transformation from map coordinates to the world; `box`: lower corner, then upper
     corner, in world coordinates. Raises InputError for a box without an inside, or without a common cell with the map.
@@ -307,12 +307,12 @@ def check_corners(box: Sequence[float]) -> None:
 
 
 def whole_window(axes: Sequence[Axis]) -> Window:
-    """Return the window of all cells of a map with the given axes."""
+    """Return the index ranges of all cells of a map with the given axes: (0, number of cells) for each axis."""
     return tuple((0, axis.cells) for axis in axes)
 
 
 def axes_of_window(axes: Sequence[Axis], window: Window) -> tuple[Axis, ...]:
-    """Return the axes of the cells in a window; `axes`: axes of the whole map."""
+    """Return the axes of a part of a map with the axes `axes`; `window`: index range (first, end) for each axis."""
     return tuple(part_of(axis, first, end, end - first) for axis, (first, end) in zip(axes, window, strict=True))
 
 

@@ -78,7 +78,7 @@ class RosParts:
     frame: Frame
 
     def known(self) -> Window | None:
-        """Return the smallest window with all cells of known occupancy; None if no cell is known."""
+        """Return the ranges (first, end), end excluded, of x and y of the smallest box with all known cells, or None."""
         height, width = self.picture.shape
         step = max(1, _PIXELS_PER_BLOCK // width)
         rows, columns = np.zeros(height, dtype=bool), np.zeros(width, dtype=bool)
@@ -92,7 +92,10 @@ class RosParts:
         return (left, right + 1), (height - 1 - bottom, height - top)
 
     def cells(self, window: Window) -> MapCells:
-        """Return the cells of a window; raise BudgetError if they would not fit in memory."""
+        """Return the cells of a part of the map; raise BudgetError if they would not fit in memory.
+
+        `window`: for x and y (upwards) the index of the first cell, and of the cell after the last one.
+        """
         (left, right), (low, high) = window
         pixel = BYTES_PER_PIXEL if self.options.get("least_conductivity") is None else COSTS_BYTES
         size = right - left, high - low
@@ -223,7 +226,11 @@ def from_occupancy_grid(file: str | os.PathLike[str], dialect: Dialect = NEWEST)
 
 
 def _warn_of_palette(picture: Path, raster: Raster, dialect: Dialect) -> None:
-    """Issue a warning if the grey values of a picture are indices of its palette, as in map_server of ROS 1."""
+    """Issue a warning if the dialect is "ros1" and the picture has a palette, whose indices then are grey values.
+
+    `picture`: name of the file, for the message; `raster`: the picture, or a part; `dialect`: ROS map reader whose
+    rules apply.
+    """
     if dialect == "ros1" and raster.numbers is not None:
         warnings.warn(
             f"{picture}: like map_server of ROS 1, this reader uses the indices of the palette as grey values; save "

@@ -1,4 +1,4 @@
-"""Errors for maps with too many cells: options that crop, coarsen or divide a map, and the resulting sizes."""
+"""Advice in errors for maps with too many cells: options that make the map smaller, and the resulting sizes."""
 
 from __future__ import annotations
 

@@ -61,17 +61,20 @@ class VoxelParts:
     frame: Frame = field(default_factory=Frame)
 
     def known(self) -> Window:
-        """Return the smallest window with all voxels of known occupancy, for the map option ``crop = "known"``.
+        """Return the ranges (first, end), one per axis, of the smallest box with all known voxels: ``crop = "known"``.
 
-        The axes of a map with unknown voxels end at its outermost known voxels, so this window is the whole map. Raises
-        InputError for a format without unknown voxels, for which this option has no meaning.
+        The axes of a map with unknown voxels end at its outermost known voxels, so this box is the whole map.  Raises
+        InputError for a format without unknown voxels, for which this option of a map has no meaning.
         """
         if self.free is None:
             raise no_unknown_cells(3)
         return whole_window(self.axes)
 
     def cells(self, window: Window) -> MapCells:
-        """Return the cells of a window; raise BudgetError if they would not fit in memory."""
+        """Return the cells of a part of the map; raise BudgetError if they would not fit in memory.
+
+        `window`: for x, y and z the index of the first cell, and of the cell after the last one.
+        """
         size = tuple(end - first for first, end in window)
         known = None if self.free is None else whole_window(self.axes)
         require_grid_memory(size, str(self.path), _BYTES_PER_VOXEL, lambda ratio: smaller_map(size, ratio, known))

@@ -383,7 +383,7 @@ def _tf_topics(bag: Bag, maps: str, name: str | None) -> list[str]:
 
 
 def _base_frame(bag: Bag, buffer: TransformBuffer, name: str | None) -> str:
-    """Return the frame `name` of the robot, or for None one of `BASE_FRAMES`; raise InputError if it does not exist."""
+    """Return the robot's frame `name`, by default base_link or base_footprint; raise InputError if it is missing."""
     frames = buffer.frames
     if name is not None:
         if frame_name(name) in frames:

@@ -82,7 +82,7 @@ def require_rosbags() -> None:
 
 @cache
 def type_store(ros: Literal[1, 2]) -> Typestore:
-    """Return the message types of ROS 1 or ROS 2 from rosbags, extended by `_DEFINITIONS`."""
+    """Return the message types of ROS 1 or 2 (`ros`) from rosbags, extended by map updates and transforms."""
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     store = get_typestore(Stores.ROS1_NOETIC if ros == 1 else Stores.ROS2_HUMBLE)

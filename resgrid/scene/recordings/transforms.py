@@ -257,12 +257,12 @@ class TransformBuffer:
     def _ancestors(
         self, frame: str, stamp: int, nearest: bool, until: set[str]
     ) -> dict[str, tuple[Transform, int, list[tuple[int, int]]]]:
-        """Return data of a frame and its ancestors (parent, parent of the parent, and so on), by name of the frame.
+        """Return data of the frame `frame` and its ancestors (parent, parent of the parent, and so on), by their names.
 
         The data are the pose of the first frame in the ancestor, the longest time between interpolated samples, and the
         first and last time stamps of the samples, in nanoseconds. `stamp`: time; `nearest`: whether the first or last
-        sample replaces times outside the samples; `until`: frames at which the search ends. It also ends at the root,
-        and where the samples do not cover the time.
+        sample replaces times outside the samples; `until`: frames at which the search ends. The search also ends at the
+        root, at a cycle, and where the samples do not cover the time.
         """
         pose, gap, spans = Transform(), 0, list[tuple[int, int]]()
         found = {frame: (pose, gap, spans)}

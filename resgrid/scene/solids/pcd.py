@@ -95,7 +95,7 @@ def _header(data: bytes, path: Path) -> PCDHeader:
 
 
 def _ascii_points(body: bytes, header: PCDHeader, path: Path) -> NDArray[np.float64]:
-    """Return the points (n, 3) of the text after the header."""
+    """Return the points (n, 3) of an ascii file; `body`: text after the header; `path`: for messages."""
     columns = sum(int(np.prod(header.dtype[name].shape)) for name in header.dtype.names or ())
     words = body.split()
     if len(words) != header.points * columns:
@@ -109,7 +109,7 @@ def _ascii_points(body: bytes, header: PCDHeader, path: Path) -> NDArray[np.floa
 
 
 def _records(body: memoryview, header: PCDHeader, path: Path) -> NDArray[np.void]:
-    """Return the structured records (n,) of a binary file."""
+    """Return the structured records (n,) of a binary file; `body`: bytes after the header; `path`: for messages."""
     needed = header.points * header.dtype.itemsize
     if len(body) < needed:
         raise _cut_short(path, f"{needed} bytes", f"{len(body)} bytes")
@@ -130,7 +130,11 @@ def _planes(data: bytes, header: PCDHeader) -> dict[str, NDArray[np.void]]:
 
 
 def _decompressed(body: memoryview, header: PCDHeader, path: Path) -> bytes:
-    """Return the decompressed data of a binary_compressed file, which begins with its two lengths in bytes."""
+    """Return the decompressed data of a binary_compressed file.
+
+    `body`: bytes after the header: compressed and decompressed length, each a uint32, then the data; `path`: for
+    messages.
+    """
     needed = header.points * header.dtype.itemsize
     if len(body) < 8:
         raise _cut_short(path, "8 bytes with the lengths of the data", f"{len(body)} bytes")
