@@ -36,8 +36,8 @@ class Mask:
     lethal : int
         Smallest occupancy of a forbidden pixel (keepout).
     least_conductivity : float
-        Conductivity c, relative to 1, of a place whose occupancy is just below `lethal`; a place of occupancy p below
-        `lethal` has at most the conductivity c ** (p / lethal) (keepout).
+        Relative conductivity c of a place whose occupancy is just below `lethal` (without costs: 1); a place of
+        occupancy p below `lethal` has at most the conductivity c ** (p / lethal) (keepout).
     inflate : bool
         Whether the whole robot stays out of forbidden pixels; if false (the default, as in Nav2), only its reference
         point does (keepout).

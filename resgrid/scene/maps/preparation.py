@@ -256,7 +256,7 @@ def no_unknown_cells(ndim: int) -> InputError:
 
 
 def extent_of_mask(mask: NDArray[np.bool_]) -> Window | None:
-    """Return the ranges (first, end), one per axis, end excluded, of the smallest box with all True entries, or None."""
+    """Return the ranges (first, end), one per axis, of the smallest box with all True entries; None without any."""
     ends = []
     for axis in range(mask.ndim):
         found = np.flatnonzero(mask.any(axis=tuple(other for other in range(mask.ndim) if other != axis)))

@@ -78,7 +78,7 @@ class RosParts:
     frame: Frame
 
     def known(self) -> Window | None:
-        """Return the ranges (first, end), end excluded, of x and y of the smallest box with all known cells, or None."""
+        """Return the ranges (first, end) of x and y of the smallest box with all known cells; None without any."""
         height, width = self.picture.shape
         step = max(1, _PIXELS_PER_BLOCK // width)
         rows, columns = np.zeros(height, dtype=bool), np.zeros(width, dtype=bool)
