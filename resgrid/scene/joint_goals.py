@@ -15,7 +15,7 @@ Coordinates = Annotated[tuple[float, ...], Strict(False), Len(1, 4)]
 
 
 class Joints(TableModel):
-    """A goal that is the cell around one configuration of the robot."""
+    """A goal that is the cell around one configuration of the robot (of an arm joint values in rad or m)."""
 
     joints: Annotated[Coordinates, Field(description="Configuration; of an arm its joint angles.")]
 

@@ -97,8 +97,9 @@ def apply_overrides(scene: Scene, changes: Mapping[str, Any]) -> Scene:
 def build_changed(document: Document, changes: Mapping[str, Any], known: MapReader | None = None) -> Scene:
     """Return the validated scene of a document with some keys changed.
 
-    `changes`: new values by key path, in the form that `apply_overrides` describes; `known`: function that reads the
-    map, None for a map file.  Only the changed document is validated, so the unchanged document may be incomplete.
+    `document`: the unvalidated document; `changes`: new values by key path as text, such as ``chip.supply``, where
+    texts are parsed as TOML values; `known`: function that reads the map, None for a map file.  Only the changed
+    document is validated, so the unchanged document may be incomplete.
     """
     lines = _lines_of_file(document.lines, changes)
     return build_scene(_apply(document.raw, changes), document.source, document.folder, lines, known)

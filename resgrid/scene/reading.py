@@ -185,7 +185,7 @@ def read_link(text: str) -> Scene:
 def link_document(text: str) -> Document:
     """Return the unvalidated document that a link of the live page contains, without network access.
 
-    Raises InputError if the link is damaged or its scene needs files.
+    Raises InputError if the link is damaged, or if the scene in it needs files, such as a map.
     """
     match = _LINK.match(text)
     code = "" if match is None else match["code"]

@@ -335,7 +335,7 @@ def validate(raw: Mapping[str, Any]) -> tuple[Any, list[Problem], dict[Path, Any
 
 
 def _message(detail: ErrorDetails, raw: Mapping[str, Any]) -> str:
-    """Return the message for one of pydantic's errors; for an unknown key it names the nearest key of the table.
+    """Return the message for one of pydantic's errors; for an unknown key, the message names the nearest known key.
 
     `detail`: the error; `raw`: keys and tables of the document.
     """

@@ -43,7 +43,8 @@ class MapCells:
     Attributes
     ----------
     axes : tuple of Axis
-        Axes of the map in its own coordinates.  They are the axes of the scene, unless its robot turns or is an arm.
+        Axes of the map in its own coordinates.  They are the axes of the scene, unless the scene's robot turns or is an
+        arm.
     cell : ndarray of uint8, one dimension per axis
         `resgrid.Cell` codes on these axes, before obstacles grow by the robot's radius.
     frame : Frame
@@ -181,7 +182,9 @@ def placed_axes(
     origin: Annotated[tuple[float, ...], Len(1, 4)] | None = None,
     unit: str | None = None,
 ) -> tuple[Axis, ...]:
-    """Return the axes of a map of shape `shape`, in cells, whose format has no position and resolution.
+    """Return the axes of a map from a file format without position and resolution.
+
+    `shape`: number of cells along each axis.
 
     Parameters
     ----------

@@ -103,11 +103,11 @@ def map_options() -> dict[str, Any]:
 
 
 def read_map(table: Mapping[str, Any], extent: float = 0.0) -> MapCells:
-    """Return the cells of the map file that a ``[map]`` table names, cropped, and joined or divided as it demands.
+    """Return the cells of the map file that a ``[map]`` table names, cropped, joined or divided as the table demands.
 
-    `table`: values by key; ``file`` is an absolute path, the other keys are options of the reader; `extent`: largest
-    distance from the robot's reference point to a point of the robot, in axis units, for the obstacles around a cropped
-    map.
+    `table`: values by key; ``file`` is an absolute path, other keys are ``format``, ``periodic``, options of the
+    reader, and options that crop, join or divide cells; `extent`: largest distance from the robot's reference point to
+    a point of the robot, in axis units, for the obstacles around a cropped map.
     """
     path = Path(table["file"])
     name = format_of(path, table)
@@ -180,10 +180,10 @@ def format_of(path: Path, table: Mapping[str, Any]) -> str:
 
 
 def warn_of_header(path: Path) -> None:
-    """Issue a warning if a picture belongs to a ROS map in the same folder.
+    """Issue a warning if a picture belongs to a ROS map: a YAML file of the same name in its folder that names it.
 
-    `path`: picture, which is read without the map's ``map.yaml``, and thus without its resolution, origin and
-    thresholds.
+    `path`: file of the picture, which is read without this YAML file, and thus without the resolution, origin and
+    thresholds of the ROS map.
     """
     for suffix in FORMATS["ros"].suffixes:
         header = path.with_suffix(suffix)

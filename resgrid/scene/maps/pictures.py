@@ -151,10 +151,10 @@ def read_raster(path: Path, bytes_per_pixel: int = BYTES_PER_PIXEL) -> Raster:
 
 
 def open_picture(path: Path) -> Raster | DecodedPicture:
-    """Return a picture file, decoded at most once, whose method `part` returns windows as rasters.
+    """Return the picture in a file, decoded at most once; the method `part` of the result returns parts as rasters.
 
-    The memory is that of the file and, for compressed files, of the decoded pixels. Raises BudgetError if these would
-    not fit; the memory of the windows is not checked here.
+    The picture needs the memory of the file and, for compressed files, of the decoded pixels.  Raises BudgetError if
+    the decoded pixels would not fit; the memory of the parts is not checked here.
     """
     data = _bytes_of(path)
     if data[:2] in MAGICS:

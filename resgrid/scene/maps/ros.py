@@ -107,7 +107,8 @@ class RosParts:
     def occupancies(self, rows: slice, columns: slice) -> NDArray[np.int8]:
         """Return the occupancies (height, width) of a part of the picture, top row first, 0 to 100 or -1 for unknown.
 
-        `rows`, `columns`: part of the picture in pixels, row 0 at the top.
+        In mode ``raw`` of ROS 1, any signed byte is possible.  `rows`, `columns`: part of the picture in pixels, row 0
+        at the top.
         """
         return convert(self.picture.part(rows, columns), self.header, self.dialect)
 
@@ -198,8 +199,9 @@ def from_occupancy_grid(file: str | os.PathLike[str], dialect: Dialect = NEWEST)
     Returns
     -------
     ndarray of int8, shape (height, width)
-        100 occupied, 0 free, -1 unknown; modes ``scale`` and ``raw`` also give values from 1 to 99.  Rows as in
-        ``nav_msgs/OccupancyGrid``: row 0 is the bottom row of the picture, so entry ``[j, i]`` is cell ``(i, j)``.
+        100 occupied, 0 free, -1 unknown; modes ``scale`` and ``raw`` also give values from 1 to 99, and
+        ``raw`` of ROS 1 any signed byte.  Rows as in ``nav_msgs/OccupancyGrid``: row 0 is the bottom row of the
+        picture, so entry ``[j, i]`` is cell ``(i, j)``.
 
     Raises
     ------

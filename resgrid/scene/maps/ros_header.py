@@ -113,7 +113,8 @@ def picture_of(path: Path, image: str) -> Path:
 
     `path`: the ``map.yaml``; `image`: name of the picture in this file.  Maps from another computer contain paths of
     that computer (``/home/ann/room.pgm``, ``maps\room.pgm``).  If the named file does not exist, but the folder of the
-    map contains a file of this name, a warning is issued and the path of this file is returned.
+    map contains a file of this name, a warning is issued and the path of this file is returned.  Otherwise the result
+    is the path of the named file, which may not exist.
     """
     named = path.parent / image
     if os.path.isfile(named):  # noqa: PTH113  Path.is_file raises for invalid file names

@@ -27,9 +27,10 @@ def smaller_map(shape: Sequence[int], ratio: float, known: Sequence[tuple[int, i
 
 
 def require_divided_memory(shape: Sequence[int], refine: int) -> None:
-    """Raise BudgetError if the cells of a divided map do not fit in memory, with a division that can also be solved.
+    """Raise BudgetError if the cells of a divided map do not fit in memory.
 
-    `shape`: number of cells along every axis before the division; `refine`: number of parts of each cell along an axis.
+    The message names a value of ``refine`` with which the solution of the circuit fits as well.  `shape`: number of
+    cells along every axis before the division; `refine`: number of parts of each cell along an axis.
     """
     divided = tuple(cells * refine for cells in shape)
     require_grid_memory(divided, "map", remedy=lambda ratio: coarser_division(divided, _SOLUTION * ratio, refine))

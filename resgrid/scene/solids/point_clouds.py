@@ -108,7 +108,7 @@ def cloud_cells(path: Path, resolution: float, pose: NDArray[np.float64], bytes_
 
 
 def _ply_points(path: Path) -> NDArray[np.float64]:
-    """Return the vertices (n, 3) of a PLY file."""
+    """Return the vertices (n, 3) of a PLY file, in units of the file; a warning is issued if the file has faces."""
     data = read_bytes(path)
     check_ply(data, str(path))
     faces = count_faces(data)
