@@ -84,6 +84,9 @@ class Readout:
 class Defects:
     """Fabrication faults: fractions of the grid's resistors that are open or shorted.
 
+    The chip's seed decides at random, independently for each resistor, whether it is open, shorted or intact; the
+    fractions are the probabilities.  Resistances are in ohms.
+
     Attributes
     ----------
     open_density : float
@@ -128,7 +131,8 @@ class Chip:
     """Component values and imperfections of a chip; ideal by default.
 
     Values are in SI units, except ``pelgrom`` in percent times micrometres and ``temperature`` in degrees Celsius.
-    Every value may also be given as an engineering value such as ``"4k7"``, fractions as ``"10 %"``.
+    Every value may also be given as an engineering value such as ``"4k7"``, fractions as ``"10 %"``.  None stands for
+    an ideal property, unless a default is given below.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Consistency checks between parts of a scene: axes, boundary, drive, and numbers of coordinates."""
+"""Consistency checks between parts of a scene: robot, axes, edges, boundary, drive, control, numbers of coordinates."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ def inconsistencies(
 
     A key path is a tuple of names and indices, such as ``("obstacle", 2, "radius")``.  `settings`: the scene, or the
     typed document of its file; `robot`: the robot, its class if other keys of the table ``[robot]`` are invalid, or
-    None if its type is invalid; `axes`: None if some axes are invalid; `names`: names of all axes, None for an axis
-    without a valid name; `values`: shapes, goals, areas and starts, by key path, such as ``("goal", 0)``; `has_wall`:
-    whether the chip has a wall resistance.
+    None if its type is invalid; `axes`: axes of the space, None if some are invalid; `names`: names of all axes, None
+    for an axis without a valid name; `values`: shapes, goals, areas and starts, by key path, such as ``("goal", 0)``;
+    `has_wall`: whether the chip description gives a wall resistance.
     """
     ndim = len(names)
     return [
@@ -116,9 +116,9 @@ def _coordinate_problems(robot: Robot | type[Robot] | None, ndim: int, values: M
 def _allowed(robot: Robot | type[Robot], ndim: int, key: str, value: Any) -> tuple[tuple[int, ...], str]:
     """Return the allowed numbers of coordinates of a value, and words for their meaning in a message.
 
-    A value may be a place in the workspace, a configuration, or (a goal) either of both.  `robot`: robot or its class;
-    `ndim`: number of axes; `key`: key of the scene file that holds the value, such as "goal"; `value`: shape, goal,
-    cost area or start.
+    A value is a place in the workspace, a configuration, or (for a goal) one of these two.  `robot`: robot or its
+    class; `ndim`: number of axes; `key`: key of the scene file that holds the value, such as "goal"; `value`: shape,
+    goal, cost area or start.
     """
     in_space = key in ("area", "start", "starts") or isinstance(value, GoalCell | GoalJoints)
     if robot.moves_in_workspace or in_space:

@@ -62,11 +62,12 @@ class Control:
         Euclidean norm of each random external force.
     settle : {"chip", "jacobi", "sor"} or None
         Model of a grid that settles while the robot moves: RC dynamics of a chip, or sweeps of a relaxation; by
-        default the grid is always settled.
+        default the grid is always settled, or settles as a chip if ``announce`` is true.
     pace : float
         Number of sweeps, or of time constants RC of a chip, while the robot crosses a cell.
     announce : bool
-        Whether hidden obstacles enter the map at time 0, while the grid settles (by default as a chip).
+        Whether hidden obstacles enter the map at time 0, at which the grid begins to settle by the model ``settle``;
+        if false, only contacts add them to the map (see ``learn``).
 
     Raises
     ------

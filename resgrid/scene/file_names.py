@@ -1,4 +1,4 @@
-"""File names in a scene's document (its TOML keys): test for their presence, conversion to absolute paths."""
+"""File names in a scene's document (keys and tables of TOML): test for their presence, conversion to absolute names."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ def needs_files(document: Mapping[str, Any]) -> bool:
 def with_absolute_files(raw: Mapping[str, Any], folder: Path) -> Mapping[str, Any]:
     """Return a document in which file names of obstacles, masks and a robot of type ``urdf`` are absolute.
 
-    `raw`: keys and tables of the document, which may be invalid; `folder`: base of relative names.
+    The name of the map file is unchanged.  `raw`: keys and tables of the document, which may be invalid; `folder`:
+    folder to which names are relative.
     """
     robot = raw.get("robot")
     changes: dict[str, Any] = {
@@ -36,8 +37,8 @@ def with_absolute_files(raw: Mapping[str, Any], folder: Path) -> Mapping[str, An
 def _with_absolute(table: Any, keys: tuple[str, ...], folder: Path) -> Any:
     """Return a table in which the file names, or lists of file names, under `keys` are absolute.
 
-    `table`: keys and values; any other value is returned unchanged, as are the values of other keys; `folder`: base of
-    relative names.
+    `table`: keys and values; a value that is not a table is returned unchanged, as are the values of other keys;
+    `folder`: folder to which names are relative.
     """
     if not isinstance(table, Mapping):
         return table
@@ -45,7 +46,10 @@ def _with_absolute(table: Any, keys: tuple[str, ...], folder: Path) -> Any:
 
 
 def _absolute(name: Any, folder: Path) -> Any:
-    """Return a file name as an absolute one, or a list of them; other values, and empty names, unchanged."""
+    """Return a file name, or each file name in a list, as an absolute one; other values and empty names unchanged.
+
+    `folder`: folder to which names are relative.
+    """
     if isinstance(name, list):
         return [_absolute(entry, folder) for entry in name]
     return str(folder.resolve() / name) if isinstance(name, str) and name else name

@@ -28,13 +28,14 @@ class GoalPoint:
     Attributes
     ----------
     point : tuple of float
-        World coordinates; for a robot that turns, a place in the plane, with or without a heading.
+        World coordinates; for a robot that turns, a place in the plane, alone or with the heading in radians times the
+        robot's turning length as third coordinate.
     tolerance : float
         Largest distance of the robot's reference point from the place, in the unit of the place; above 0, the goal is a
         disc or ball.  A heading given in `point` has no tolerance.
     heading : float or None
         Heading at the goal, in radians, of a robot without a heading of its own (a point or a disc): the orientation of
-        the last pose for ROS.
+        the last pose for ROS.  By default there is no demand.
 
     Raises
     ------
@@ -81,7 +82,8 @@ class GoalJoints:
     Attributes
     ----------
     lower, upper : tuple of float
-        Opposite corners, in world coordinates (of an arm its joint angles); equal for a single configuration.
+        Lower and upper corner, in world coordinates (of an arm joint values, in radians or metres); equal for a
+        single configuration.
 
     Raises
     ------
@@ -147,7 +149,7 @@ class GoalPose:
 
     @property
     def tool_goal(self) -> ToolGoal:
-        """The goal as a ball for the origin of the tool's frame, a rotation of this frame, and a largest angle."""
+        """The goal as a ball (m) for the origin of the tool's frame, a rotation matrix, and a largest angle (rad)."""
         rotation = None if self.rotation is None else rotation_matrix(self.rotation)
         return ToolGoal(Ball(self.position, self.radius), rotation, self.angle)
 
@@ -165,7 +167,7 @@ class CostArea:
     shape : Shape
         Region of configuration space (for points and discs, of the world).
     conductivity : float
-        Conductivity of the cells whose centre lies in the region, above 0; other cells have 1.
+        Relative conductivity of the cells whose centre lies in the region, above 0; other cells have 1.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Cells that the robot's reference point must avoid: keep-out zones of Nav2 masks, and unknown space."""
+"""Effects of keep-out masks on the cells of a scene: forbidden cells, obstacles and conductivities; unknown space."""
 
 from __future__ import annotations
 
@@ -21,10 +21,11 @@ from resgrid.scene.world_coordinates import over_map, unknown_cells
 class Keepout(NamedTuple):
     """Effect of a keep-out mask on the cells of the plane.
 
-    `name`: key path of the mask, such as ``mask[0]``; `blocked` (columns, rows): mask of forbidden cells;
-    `conductivity` (columns, rows): upper bound of the relative conductivity of every cell; `obstacle`: for a mask
-    that keeps the whole robot out, the forbidden cells, and those around the grid that the robot can touch, as an
-    obstacle in the coordinates of the space; None for a mask that keeps only the robot's reference point out.
+    `name`: key path of the mask, such as ``mask[0]``; `blocked` (cells along x, cells along y): True for forbidden
+    cells; `conductivity`, same shape: upper bound of every cell's conductivity, above 0 and at most 1 (cells without
+    costs); `obstacle`: for a mask that keeps the whole robot out, an obstacle in the coordinates of the space, which
+    consists of the forbidden cells and of those around the grid that the robot can touch; None for a mask that keeps
+    only the robot's reference point out.
     """
 
     name: str
@@ -34,11 +35,11 @@ class Keepout(NamedTuple):
 
 
 def keepouts_of(scene: Scene) -> list[Keepout]:
-    """Return the effects of all keep-out masks of a scene; raise InputError if a mask does not apply to its robot.
+    """Return the effect of each keep-out mask of a scene.
 
-    A cell is forbidden if a pixel of at least the mask's `lethal` occupancy overlaps the cell, or, with the scene's
-    sampling "centre", contains its centre.  The occupancies of keep-out masks follow Nav2's KeepoutFilter, in which the
-    larger cost wins.
+    A cell is forbidden if a pixel of at least the mask's `lethal` occupancy overlaps the cell or, with the scene's
+    sampling "centre", contains the cell's centre.  As in Nav2's KeepoutFilter, the largest occupancy counts.  Raises
+    InputError if the scene has masks, and the configurations of its robot do not begin with a place (x, y).
     """
     require_places(scene)
     effects = []
@@ -60,9 +61,9 @@ def keepouts_of(scene: Scene) -> list[Keepout]:
 
 
 def _axes_around(axes: tuple[Axis, ...], scene: Scene, grid: MaskGrid) -> tuple[Axis, ...]:
-    """Return the axes x and y, extended by the cells over a mask that the robot can touch from the grid.
+    """Return the axes x and y, extended by the cells under a mask that the robot can touch from the grid.
 
-    `axes`: axes x and y of the scene; `grid`: pixels of the mask.  Periodic axes have no surroundings.
+    `axes`: axes x and y of the scene; `grid`: pixels of the mask.  Periodic axes are not extended.
     """
     plane = Frame(scene.frame.x, scene.frame.y, scene.frame.yaw)
     corners = np.array(list(product(*((axis.lower, axis.upper) for axis in grid.axes))))
@@ -77,7 +78,7 @@ def _axes_around(axes: tuple[Axis, ...], scene: Scene, grid: MaskGrid) -> tuple[
 
 
 def require_places(scene: Scene) -> None:
-    """Raise InputError for masks of a scene whose robot's configurations do not begin with a place (x, y)."""
+    """Raise InputError if a scene has masks, and the configurations of its robot do not begin with a place (x, y)."""
     if scene.mask and (scene.robot.base is not None or scene.ndim < 2):
         raise InputError(
             f"{scene.source or 'scene'}: mask[0] applies to robots that move in the plane, not to this robot; remove "
@@ -86,9 +87,11 @@ def require_places(scene: Scene) -> None:
 
 
 def forbidden_places(scene: Scene, keepouts: list[Keepout]) -> dict[str, NDArray[np.bool_]]:
-    """Return the masks of cells, shape of the space, that only the reference point must avoid, by name of their cause.
+    """Return the cells that the robot's reference point, but not its body, must avoid, by name of the cause.
 
-    Names: ``"mask[0]"`` and so on for keep-out masks without inflation, ``"unknown"`` for unknown space.
+    Each value is a mask, shape of the space.  Names: ``"mask[0]"`` and so on for keep-out masks without ``inflate``;
+    ``"unknown"`` for unknown space, if ``inflate_around_unknown`` of the map is false.  `keepouts`: effects of the
+    scene's keep-out masks.
     """
     parts = {effect.name: over_map(effect.blocked, scene.axes) for effect in keepouts if effect.obstacle is None}
     if scene.map is not None and not scene.map.table.get("inflate_around_unknown", True):
@@ -101,7 +104,7 @@ def forbidden_places(scene: Scene, keepouts: list[Keepout]) -> dict[str, NDArray
 def mask_at(scene: Scene, cell: tuple[int, ...]) -> str | None:
     """Return the key path of the first keep-out mask that forbids a cell, such as ``mask[0]``; None if none does.
 
-    `cell`: index of the cell along each axis.
+    `cell`: index of the cell along each axis, of which the first two count.
     """
     axes = tuple(
         Axis(axis.name, axis.lower + index * axis.spacing, axis.lower + (index + 1) * axis.spacing, 1)

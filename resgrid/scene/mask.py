@@ -13,7 +13,7 @@ from resgrid.scene.maps.ros_header import NEWEST, Dialect
 
 _OF_KIND = {"lethal": "keepout", "least_conductivity": "keepout", "inflate": "keepout",
             "unit": "speed", "base": "speed", "multiplier": "speed"}  # fmt: skip
-"""Kind of mask, by each key of a ``[[mask]]`` table that only this kind accepts."""
+"""Keys of a ``[[mask]]`` table that only one kind of mask accepts, mapped to this kind."""
 
 
 @checked
@@ -21,9 +21,9 @@ _OF_KIND = {"lethal": "keepout", "least_conductivity": "keepout", "inflate": "ke
 class Mask:
     """A ROS map over the world with keep-out areas or speed limits, such as a mask of a costmap filter of Nav2.
 
-    The mask has a resolution, an origin and a rotation of its own.  Pixels are occupancies by the rules of its
-    ``map.yaml`` (``mode: scale`` for values between 0 and 100); unknown pixels, and the world outside the mask, have no
-    effect.
+    The mask has a resolution, an origin and a rotation of its own.  The rules of its ``map.yaml`` convert pixels to
+    occupancies in percent, 0 to 100 (only ``mode: scale`` and ``mode: raw`` give values in between).  Unknown pixels,
+    and the world outside the mask, have no effect.
 
     Attributes
     ----------
@@ -32,21 +32,21 @@ class Mask:
     kind : {"keepout", "speed"}
         Meaning of the occupancies: `keepout` (forbidden places and weights) or `speed` (limits of the robot's speed).
     dialect : {"nav2", "nav2-jazzy", "ros1"}
-        ROS map reader whose rules apply.
+        ROS map reader whose rules convert pixels to occupancies: Nav2 since 2025, Nav2 until Jazzy, or ROS 1.
     lethal : int
         Smallest occupancy of a forbidden pixel (keepout).
     least_conductivity : float
-        Conductivity c of a place just below `lethal`; a place of occupancy p has at most the conductivity
-        c ** (p / lethal) (keepout).
+        Relative conductivity c of a place whose occupancy is just below `lethal` (without costs: 1); a place of
+        occupancy p below `lethal` has at most the conductivity c ** (p / lethal) (keepout).
     inflate : bool
-        Whether the whole robot stays out of forbidden pixels; by default, as in Nav2, only its reference point does
-        (keepout).
+        Whether the whole robot stays out of forbidden pixels; if false (the default, as in Nav2), only its reference
+        point does (keepout).
     unit : {"percent", "m/s"}
-        Unit of the limits `base + multiplier * occupancy`: percent of the robot's largest speed, or length per second
-        (speed).
+        Unit of the limits `base + multiplier * occupancy`: percent of the robot's largest speed, or units of the world
+        per second (speed).
     base, multiplier : float
-        Coefficients of the limits.  A pixel of occupancy 0 has no limit, nor has one whose limit is 0, negative, or
-        above 100 percent (speed).
+        Coefficients of the limits, in `unit`.  A pixel has no limit if its occupancy is 0, or if its limit is 0,
+        negative, or above 100 percent (speed).
 
     Raises
     ------

@@ -14,14 +14,14 @@ if TYPE_CHECKING:
     from pydantic_core import ErrorDetails
 
 Problem = tuple[Path, str]
-"""Key path of a problem in a scene file, and the message for the problem."""
+"""Key path of a problem in a scene file (tuple of names and indices), and the message for the problem."""
 
 MAX_SHOWN = 40
-"""Largest number of problems that one message lists; for further ones it states their number."""
+"""Largest number of problems that one message lists; the message states the number of the others."""
 
 
 def key_path(path: Sequence[str | int]) -> str:
-    """Return a key path as text, such as ``obstacle[2].radius``, with indices from 0."""
+    """Return a key path (names, and indices from 0) as text, such as ``obstacle[2].radius``; "the scene" if empty."""
     text = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in path)
     return text.removeprefix(".") or "the scene"
 
@@ -73,7 +73,8 @@ def problems_of(error: ValidationError, message: Callable[[ErrorDetails], str] =
 def unknown_option(words: str, given: Any, choice: str, options: Sequence[str]) -> str:
     """Return the message for a value that is not among its options, with the option of the nearest spelling.
 
-    `words`: subject of the message; `given`: the value; `choice`: the options as text; `options`: the options.
+    `words`: the value as text, the subject of the message; `given`: the value; `choice`: the options as text, such as
+    ``a or b``; `options`: the options, searched for the nearest spelling.
     """
     meant = _ALIASES.get(given.lower(), given) if isinstance(given, str) else ""
     near = suggestion(meant, options)
@@ -81,7 +82,7 @@ def unknown_option(words: str, given: Any, choice: str, options: Sequence[str]) 
 
 
 def shown(value: Any) -> str:
-    """Return an invalid value as short text for a message."""
+    """Return an invalid value as short text for a message; for a table or a list only its kind, with its length."""
     if isinstance(value, Mapping):
         return "a table"
     return f"a list of {len(value)}" if isinstance(value, list) else short(value)

@@ -1,4 +1,4 @@
-"""Parts of messages about blocked places: the reason, and the nearest free place."""
+"""Texts for messages about blocked places (reason, nearest free place), and the searches of cells behind them."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from resgrid.scene.world_coordinates import cell_centre, locate_point, to_space,
 def is_unknown(scene: Scene, cell: tuple[int, ...]) -> bool:
     """Return whether a cell is an obstacle only because its occupancy is unknown in the scene's map.
 
-    `cell`: index of the cell along each axis.
+    `cell`: index of the cell along each axis.  The result is False for a scene without a map.
     """
     unknown = unknown_cells(scene.map, scene.axes)
     return unknown is not None and bool(unknown[cell])
@@ -32,14 +32,14 @@ def is_unknown(scene: Scene, cell: tuple[int, ...]) -> bool:
 def are_unknown(scene: Scene, cells: NDArray[np.bool_]) -> bool:
     """Return whether all cells of a mask are obstacles only because their occupancy is unknown in the scene's map.
 
-    `cells`: mask, shape of the space.
+    `cells`: mask, shape of the space.  The result is False for a scene without a map.
     """
     unknown = unknown_cells(scene.map, scene.axes)
     return unknown is not None and bool(unknown[cells].all())
 
 
 def has_unknown(scene: Scene) -> bool:
-    """Return whether the scene's map has cells that are obstacles only because their occupancy is unknown."""
+    """Return whether the scene has a map, and this map has cells that are obstacles only for unknown occupancy."""
     unknown = unknown_cells(scene.map, scene.axes)
     return unknown is not None and bool(unknown.any())
 
@@ -47,8 +47,9 @@ def has_unknown(scene: Scene) -> bool:
 def why_blocked(scene: Scene, cell: tuple[int, ...]) -> str:
     """Return the reason why a cell is blocked, as text for a message.
 
-    The reason is unknown space, an obstacle, or a distance from an obstacle below the robot's radius.  `cell`: index of
-    the cell along each axis.
+    The reason is unknown space, a keep-out area of a mask, a distance from an obstacle below the robot's radius, or an
+    obstacle.  The text continues the name of a place, such as ``lies in an obstacle (cell (3, 4))``.  `cell`: index of
+    the blocked cell along each axis.
     """
     words = f"(cell {cell})"
     if is_unknown(scene, cell):
@@ -80,15 +81,16 @@ def _is_solid(scene: Scene, cell: tuple[int, ...]) -> bool:
 
 
 def _on_map(scene: Scene) -> bool:
-    """Return whether the first axes of the space are those of the scene's map."""
+    """Return whether the scene has a map, and the first axes of the space equal the axes of this map."""
     return scene.map is not None and scene.axes[: len(scene.map.axes)] == scene.map.axes
 
 
 def nearest_place(allowed: NDArray[np.bool_], cell: tuple[int, ...], axes: Sequence[Axis], frame: Frame) -> str | None:
     """Return the centre of the nearest allowed cell as text, in world coordinates; None if no cell is allowed.
 
-    `allowed`: mask of cells, shape of the space; `cell`: index of the cell from which distances are measured; `axes`,
-    `frame`: axes of the space, and their transformation to the world.
+    The text has the form ``(1.3, 3.4)``.  `allowed`: mask of cells, shape of the space; `cell`: index of the cell from
+    whose centre distances in axis units are measured; `axes`, `frame`: axes of the space, and the transformation from
+    axis units to the world.
     """
     nearest = nearest_cell(allowed, cell, axes)
     if nearest is None:
@@ -97,10 +99,10 @@ def nearest_place(allowed: NDArray[np.bool_], cell: tuple[int, ...], axes: Seque
 
 
 def place_text(point: Sequence[float], step: float = 1e-3) -> str:
-    """Return a point as text in parentheses.
+    """Return a point as text in parentheses, such as ``(1.3, 3.4)``.
 
-    `step`: coordinates have enough significant digits, at least six, for multiples of the smaller one of this number
-    and 0.001.
+    `step`: difference of coordinates that the text must resolve; above 0.001, the value 0.001 is used.  A coordinate
+    has the significant digits that this difference needs, at least 6 and at most 15.
     """
     return "(" + ", ".join(coordinate_text(value, min(step, 1e-3)) for value in point) + ")"
 
@@ -109,8 +111,8 @@ def nearest_cell(allowed: NDArray[np.bool_], cell: tuple[int, ...], axes: Sequen
     """Return the index of the allowed cell with the nearest centre; None if no cell is allowed.
 
     `allowed`: mask of cells, shape of the space; `cell`: index of the cell from whose centre distances in axis units
-    are measured; `axes`: axes of the space.  The search examines windows around this cell that grow until the result is
-    certain.
+    are measured; `axes`: axes of the space.  Along a periodic axis, the shorter way round counts.  The search examines
+    windows around this cell that grow until the result is certain.
     """
     spacing = np.array([axis.spacing for axis in axes])
     for power in count(3, 2):
@@ -141,10 +143,10 @@ def _window(index: int, reach: int, axis: Axis) -> NDArray[np.int64]:
 
 
 def usable(scene: Scene, blocked: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return the mask of free cells that sequences of neighbouring free cells connect with a start.
+    """Return the mask of free cells that chains of free cells with common faces connect with a start of the scene.
 
-    If no start lies in a free cell, the mask is that of the connected free region with most cells.  `blocked`: mask of
-    obstacle cells; both masks have the shape of the space.
+    If no start lies in a free cell, the result is the mask of the largest connected region of free cells.  `blocked`:
+    mask of obstacle cells; both masks have the shape of the space.
     """
     region = label_regions(~blocked, [axis.periodic for axis in scene.axes])
     starts = [_cell_of(scene, start) for start in scene.starts]

@@ -1,4 +1,4 @@
-"""Changes of single keys of a scene, as by the options of the command line."""
+"""Changes of single keys of a scene, as by the options of the command line, and the document of a scene."""
 
 from __future__ import annotations
 
@@ -24,7 +24,10 @@ PLACE_KEYS = {"goal": "point", "goal_cell": "cell", "start": "point", "start_cel
 
 
 def document_of(scene: Scene) -> dict[str, Any]:
-    """Return the keys and tables of a scene's file as a dictionary, from which `build_scene` builds an equal scene."""
+    """Return the keys and tables of a scene's file as a dictionary, from which `build_scene` builds an equal scene.
+
+    Raises InputError for a robot or a shape that a scene file cannot describe.
+    """
     document = {"schema": 1, "robot": _robot_table(scene.robot), "starts": plain(scene.starts)}
     for key in IN_FILES:
         value = getattr(scene, key)
@@ -83,8 +86,8 @@ def apply_overrides(scene: Scene, changes: Mapping[str, Any]) -> Scene:
     ``start`` and ``start_cell`` take one place or a list of places, in world coordinates or as cell indices from 0,
     and replace all goals or starts.  ``goal_tolerance`` is the tolerance of all goals that are points.  A text is
     parsed as a TOML value (``"4.5"`` is a number, ``"[0, 1]"`` a list) or as numbers separated by commas, and stays a
-    text otherwise.  ``robot.type`` and ``robot.footprint`` replace the whole robot.  The order of the changes has no
-    effect.
+    text otherwise; None removes the key.  ``robot.type`` and ``robot.footprint`` replace the whole robot.  The order
+    of the changes has no effect.  `changes`: new values by key path.
     """
     document = _apply(document_of(scene), changes)
     is_same_map = scene.map is not None and document.get("map") == plain(scene.map.table)
@@ -94,8 +97,9 @@ def apply_overrides(scene: Scene, changes: Mapping[str, Any]) -> Scene:
 def build_changed(document: Document, changes: Mapping[str, Any], known: MapReader | None = None) -> Scene:
     """Return the validated scene of a document with some keys changed.
 
-    `changes`: new values by key path, in the form that `apply_overrides` describes; `known`: function that reads the
-    map, None for a map file.  Only the changed document is validated, so the unchanged document may be incomplete.
+    `document`: the unvalidated document; `changes`: new values by key path as text, such as ``chip.supply``, where
+    texts are parsed as TOML values; `known`: function that reads the map, None for a map file.  Only the changed
+    document is validated, so the unchanged document may be incomplete.
     """
     lines = _lines_of_file(document.lines, changes)
     return build_scene(_apply(document.raw, changes), document.source, document.folder, lines, known)
@@ -115,7 +119,10 @@ def _lines_of_file(lines: Mapping[KeyPath, int], changes: Mapping[str, Any]) -> 
 
 
 def _parts(key: str) -> KeyPath:
-    """Return the parts of a key path as a tuple: ``obstacle.2.radius`` becomes ``("obstacle", 2, "radius")``."""
+    """Return the parts of a key path as a tuple: ``obstacle.2.radius`` becomes ``("obstacle", 2, "radius")``.
+
+    ``goal_cell`` and ``start_cell`` become ``("goal",)`` and ``("start",)``, the keys that they replace.
+    """
     head, *rest = key.split(".")
     head = head.removesuffix("_cell") if head in PLACE_KEYS else head
     return (head, *(int(part) if part.isascii() and part.isdigit() else part for part in rest))
@@ -171,7 +178,10 @@ def _apply(raw: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]
 
 
 def _set_tolerance(document: dict[str, Any], tolerance: Any) -> None:
-    """Set the tolerance of all goals of a document that are points; raise InputError if no goal is a point."""
+    """Set the tolerance of all goals of a document that are points; raise InputError if no goal is a point.
+
+    `document`: keys and tables of a scene file, changed in place; `tolerance`: the new value, not validated.
+    """
     goals = document.get("goal")
     points = [goal for goal in goals if isinstance(goal, dict) and "point" in goal] if isinstance(goals, list) else []
     if not points:
@@ -225,11 +235,11 @@ def _set(document: dict[str, Any], key: str, value: Any) -> None:
 
 
 def _drop_sizes(document: dict[str, Any], keys: Sequence[str]) -> None:
-    """Remove ``cells`` and ``spacing`` from all axes of a document whose number or width of cells is changed.
+    """Remove ``cells`` and ``spacing`` from those axes of a document of which one of these two keys is changed.
 
     `document`: keys and tables of a scene file, changed in place; `keys`: changed key paths, such as
-    ``grid.axes.0.cells``. Axes that the robot implies are first written into the document.  The key ``grid.cells``
-    applies only to axes that have neither of the two keys.
+    ``grid.axes.0.cells``; ``grid.cells`` changes all axes, because it applies only to axes without the two keys.  Axes
+    that the robot implies are first written into the document.
     """
     from resgrid.scene.schema import robot_of
 

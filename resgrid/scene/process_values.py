@@ -1,4 +1,4 @@
-"""Values of a chip description that follow from a chip process and its corner, such as sheet resistances."""
+"""Chip process of a chip description: checks of its keys, and the values that follow from process and corner."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _MICRO = 1e6
 def process_problems(chip: Mapping[str, Any]) -> Iterator[str]:
     """Yield the problems of the process keys of a chip description, one sentence each.
 
-    `chip`: values of all keys of the description, which may still be inconsistent.
+    `chip`: values of all keys of the `Chip`, in SI units; they may still be inconsistent.
     """
     process, corner = chip["process"], chip["corner"]
     if process is None:
@@ -57,11 +57,13 @@ def process_problems(chip: Mapping[str, Any]) -> Iterator[str]:
 
 
 def process_values(chip: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the values of the keys that the process of a chip sets; explicit keys of the description are left out.
+    """Return the values of the keys that the process of a chip sets, by key; except for ``resistance``, given keys win.
 
-    The resistance is that of the corner: resistors are drawn for the typical sheet resistance.  The Pelgrom coefficient
-    contains the deviations of width and length at the nominal resistance (`Resistor.pelgrom`).  `chip`: values of all
-    keys of a description with a process and without problems.
+    Keys are ``width`` (m), ``sheet_resistance`` (ohm), ``gradient``, ``tc1`` (1/K), ``tc2`` (1/K^2) and, without
+    ``mismatch``, ``pelgrom`` (percent times um); keys with a value in `chip` or none in the process are left out.
+    ``resistance`` is always present: the given value times corner over typical sheet resistance, because resistors are
+    drawn for the typical one.  ``pelgrom`` contains the deviations of width and length at the nominal resistance.
+    `chip`: values of all keys of a description with a process and without problems.
     """
     assert chip["process"] is not None
     resistor, width = read_process(chip["process"]).resistor, _width(chip)

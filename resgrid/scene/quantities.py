@@ -1,4 +1,4 @@
-"""Parsing and formatting of engineering values such as ``10k``, ``4k7``, ``2.2meg``, ``100n``."""
+"""Engineering values such as ``10k``, ``4k7``, ``100n``: parsing, formatting, and annotations of keys for pydantic."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Quantity:
     """Annotation of a number with its SI unit, which may be written as an engineering value such as ``4k7``.
 
     `unit`: SI unit, empty for a dimensionless number; `is_fraction`: whether the number may also be written as a
-    percentage.
+    percentage, such as ``10 %``.
     """
 
     unit: str

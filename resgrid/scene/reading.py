@@ -103,7 +103,8 @@ def read_scene(file: str | os.PathLike[str], **options: Any) -> Scene:
 def read_document(file: str | os.PathLike[str], table: Mapping[str, Any]) -> Document:
     """Return the unvalidated document of a scene file or map.
 
-    `file`: path, or name of a shipped scene; `table`: options of the map reader by name, such as ``spacing``.
+    `file`: path, or name of a shipped scene; `table`: options of the map reader by name, such as ``spacing``, which
+    replace keys of the ``[map]`` table.  Raises InputError for options if the scene file has no map.
     """
     path = shipped_scene(file) or Path(file)
     if path.suffix.lower() != ".toml":
@@ -172,7 +173,7 @@ def parse_document(text: str, source: str, folder: Path = Path()) -> Document:
 
 
 def is_link(text: str) -> bool:
-    """Return whether a text has the form of a link of the live page that contains a scene."""
+    """Return whether a text has the form of a link of the live page (``https://...#s=...``) that contains a scene."""
     return _LINK.match(text) is not None
 
 
@@ -184,7 +185,7 @@ def read_link(text: str) -> Scene:
 def link_document(text: str) -> Document:
     """Return the unvalidated document that a link of the live page contains, without network access.
 
-    Raises InputError if the link is damaged or its scene needs files.
+    Raises InputError if the link is damaged, or if the scene in it needs files, such as a map.
     """
     match = _LINK.match(text)
     code = "" if match is None else match["code"]
@@ -338,7 +339,8 @@ def with_footprint(raw: Mapping[str, Any]) -> Mapping[str, Any]:
 def with_axes(raw: Mapping[str, Any], robot: Robot | None) -> Mapping[str, Any]:
     """Return a document with missing keys of its axes added from the robot and from ``grid.cells``.
 
-    `raw`: keys and tables of a scene file; `robot`: robot that implies keys of its axes, None if its table is invalid.
+    Keys that an axis has are unchanged.  `raw`: keys and tables of a scene file; `robot`: robot that implies keys of
+    its axes (an arm, a turning polygon), None if the robot's table is invalid.
     """
     grid = raw.get("grid")
     if not isinstance(grid, Mapping):

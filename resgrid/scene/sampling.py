@@ -1,4 +1,4 @@
-"""Discretisation of a scene: obstacles, goals and conductivities of the cells of its configuration space."""
+"""Discretisation of a scene to a configuration space (obstacle and goal cells, conductivities), with its messages."""
 
 from __future__ import annotations
 
@@ -36,32 +36,34 @@ def build_space(
 
     The robot and the scene's ``sampling`` decide which cells are obstacles (see `PointRobot.occupancy`, and the method
     of this name of other robots); the border of the grid makes no cell an obstacle.  A free cell is a goal if it
-    contains a configuration with the robot's reference point (an arm's tip) in a goal of the scene.  All inverse
-    solutions of a place in the workspace are goals; the space stores one configuration per goal cell.  A start in an
-    obstacle is not an error here; its path has the outcome ``start_blocked``.
+    contains a configuration with the robot's reference point (an arm's tip) in a goal of the scene, or if it is a goal
+    cell of the scene's map.  All inverse solutions of a place in the workspace are goals; the space stores one
+    configuration per goal cell.  A start in an obstacle is not an error here; its path has the outcome
+    ``start_blocked``.
 
     Parameters
     ----------
     scene : Scene
         The scene.
     require_goal : bool
-        Whether a scene without any goal is an error.
+        Whether a scene without any goal is an error; if False, the space of such a scene has no goal cell.
     progress : callable, optional
         Called as ``progress(done, total)`` during the computation of obstacle cells, with the finished and the total
         amount of work in arbitrary units.
     executor : concurrent.futures.Executor, optional
-        Executor that shares the computation of obstacle cells, for a robot from a URDF file; see `open_executor`.
+        Executor whose workers share the computation of obstacle cells, for a robot from a URDF file; see
+        `open_executor`.  By default this process computes them.
 
     Returns
     -------
     ConfigurationSpace
-        The space, with one code per cell.
+        The space, with one `Cell` code per cell, and with conductivities if the scene has costs.
 
     Raises
     ------
     InputError
-        If there is no goal, if a goal lies outside the grid, is out of reach or consists of obstacle cells, or if a
-        start lies outside the grid; the message names the key.
+        If there is no goal although `require_goal` is True, if a goal lies outside the grid, is out of reach or
+        consists of obstacle cells, or if a start lies outside the grid; the message names the key.
     BudgetError
         If the grid would not fit in memory; raised before anything is allocated.
 
@@ -98,8 +100,9 @@ def build_space(
 def adding(scene: Scene, key: str, option: str) -> str:
     """Return the remedy for a missing goal or start as text.
 
-    For a scene file, the text names the key and the option of the command line; for a map, the option and the keyword
-    of `resgrid.read_scene`.  `key`: key of the scene file, such as "a [[goal]]"; `option`: such as "--goal".
+    For a scene that was read from a map file, the text names the option of the command line and the keyword of
+    `resgrid.read_scene`; for every other scene, the key of scene files and the option.  `key`: name of the key, such as
+    "a [[goal]]"; `option`: name of the option, such as "--goal".
     """
     by_option = f"give {with_coordinates(option, scene.ndim)}"
     is_map = scene.map is not None and scene.source is not None and Path(scene.source).suffix.lower() != ".toml"
@@ -109,14 +112,15 @@ def adding(scene: Scene, key: str, option: str) -> str:
 
 
 def with_coordinates(option: str, ndim: int) -> str:
-    """Return an option with the placeholder of a place, such as ``--goal X,Y,Z``; `ndim`: number of axes."""
+    """Return an option and its placeholder as text: ``--goal X,Y,Z`` for `ndim` (number of axes) 3, else ``X,Y``."""
     return f"{option} {'X,Y,Z' if ndim == 3 else 'X,Y'}"
 
 
 def remedy_of_size(scene: Scene) -> Remedy:
     """Return the remedy for a scene whose cells do not fit in memory, for an error message.
 
-    It is a text or, for a scene on a map, a function from the ratio of needed to available memory to a text.
+    The remedy is a text or, if the first axes of the space are those of a map, a function that returns the text for a
+    ratio of needed to available memory.
     """
     cells = scene.map
     if cells is None or scene.axes[: len(cells.axes)] != cells.axes:
@@ -144,9 +148,10 @@ def _obstacles(scene: Scene) -> list[Shape]:
 def goal_cells(scene: Scene, goal: Goal, blocked: NDArray[np.bool_], key: str) -> GoalCells:
     """Return the mask of the free cells of a goal, and for each such cell a configuration that solves the goal.
 
-    Configurations are in axis units; for a `GoalCell`, of which every point is a solution, they are NaN.
-    `blocked`: mask of obstacle cells, shape of the space; `key`: key path of the goal, for messages.  Raises InputError
-    if the goal lies outside the grid, is out of reach, or consists of obstacle cells.
+    Configurations (goal cells, ndim) are in axis units and in C order of the cells; for a `GoalCell`, of which every
+    point is a solution, they are NaN.  `blocked`: mask of obstacle cells, shape of the space; `key`: key path of the
+    goal, for messages.  Raises InputError if the goal lies outside the grid, is out of reach, or consists of obstacle
+    cells.
     """
     if isinstance(goal, GoalPoint) and goal.heading is not None:
         require_no_heading(scene, key)
@@ -180,9 +185,10 @@ def goal_cells(scene: Scene, goal: Goal, blocked: NDArray[np.bool_], key: str) -
 def _single_cell(scene: Scene, goal: Goal, key: str) -> tuple[str, tuple[int, ...], Point] | None:
     """Return description, cell and point of a goal that is a single cell; None for other goals.
 
-    The description is a phrase for messages; `scene, goal`: the scene and one of its goals; `key`: key path of the
-    goal, for messages.  The point is in the coordinates of the space; for a `GoalCell`, of which every point is a
-    solution, all coordinates are NaN.
+    Such goals are a `GoalCell`, one configuration, and a point without tolerance that is a configuration.  The
+    description is a phrase for messages, such as ``the cell [7, 0]``; the cell is its index along each axis; the point
+    is in axis units, NaN for a `GoalCell`, of which every point is a solution.  `scene`, `goal`: the scene and one of
+    its goals; `key`: key path of the goal, for messages.
     """
     match goal:
         case GoalCell(cell):
@@ -216,9 +222,9 @@ def _region(scene: Scene, goal: Goal) -> GoalCells:
 def map_goals(scene: Scene, blocked: NDArray[np.bool_], where: str) -> GoalCells:
     """Return the mask of the free cells of the space that are goal cells of the scene's map, and NaN for each.
 
-    NaN in place of a configuration means that every point of the cell is a solution. `blocked`: mask of obstacle cells,
-    shape of the space; `where`: name of the scene, for messages.  Raises InputError if all goal cells of the map are
-    obstacle cells.
+    NaN in place of a configuration means that every point of the cell is a solution.  Without a map, or without goal
+    cells in the map, no cell is marked.  `blocked`: mask of obstacle cells, shape of the space; `where`: name of the
+    scene, for messages.  Raises InputError if all goal cells of the map are obstacle cells of the space.
     """
     if scene.map is None or not (scene.map.cell == Cell.GOAL).any():
         return GoalCells(np.zeros_like(blocked), np.empty((0, scene.ndim)))
@@ -248,8 +254,8 @@ def _conductivity(scene: Scene, keepouts: Sequence[Keepout]) -> NDArray[np.float
 def _over_map(scene: Scene, values: NDArray[Any], subject: str) -> NDArray[Any]:
     """Return values of the map's cells broadcast to the shape of the space, constant along a heading axis.
 
-    `values`: shape of the map; `subject`: description of the values, for messages.  InputError is raised if the first
-    axes of the space are not those of the map.
+    `values`: one value per cell of the map, shape of the map; `subject`: description of the values, for messages.
+    Raises InputError if the first axes of the space are not those of the map.
     """
     assert scene.map is not None
     if scene.axes[: values.ndim] != scene.map.axes:
@@ -260,9 +266,10 @@ def _over_map(scene: Scene, values: NDArray[Any], subject: str) -> NDArray[Any]:
 
 
 def _remedies(scene: Scene, blocked: NDArray[np.bool_], cell: tuple[int, ...]) -> str:
-    """Return the remedies for a goal in a blocked cell as text: a reachable free place, and helpful options.
+    """Return the remedies for a goal in a blocked cell as text: the nearest free place, and options that free the cell.
 
-    `blocked`: mask of obstacle cells, shape of the space; `cell`: index of the goal's cell.
+    The place is reachable from a start or, without a start in a free cell, in the largest free region.  `blocked`: mask
+    of obstacle cells, shape of the space; `cell`: index of the goal's cell along each axis.
     """
     allowed = usable(scene, blocked)
     place = nearest_place(allowed, cell, scene.axes, scene.frame)
@@ -287,9 +294,10 @@ def _remedies(scene: Scene, blocked: NDArray[np.bool_], cell: tuple[int, ...]) -
 
 
 def _tolerance_remedy(scene: Scene, blocked: NDArray[np.bool_], cell: tuple[int, ...], point: Point) -> str:
-    """Return text with the goal tolerance that includes the nearest reachable free cell; empty without such a cell.
+    """Return text with the goal tolerance that includes the centre of the nearest reachable free cell.
 
-    `blocked`: mask of obstacle cells, shape of the space; `cell`, `point`: cell and point of the goal, in axis units.
+    The text is empty without such a cell, and for a robot that turns.  `blocked`: mask of obstacle cells, shape of the
+    space; `cell`: index of the goal's cell along each axis; `point`: point of the goal, in axis units.
     """
     near = nearest_cell(usable(scene, blocked), cell, scene.axes)
     if near is None or scene.robot.turning_length is not None:
@@ -305,7 +313,8 @@ def _tolerance_remedy(scene: Scene, blocked: NDArray[np.bool_], cell: tuple[int,
 def _grey(scene: Scene, cell: tuple[int, ...]) -> str:
     """Return text with the grey value of an obstacle pixel of a picture and the threshold of free pixels.
 
-    `cell`: index of the pixel's cell along each axis.  The text is empty for free pixels and for other maps.
+    The text is empty for a free pixel, and unless the scene's map is a picture that is neither cropped, coarsened nor
+    refined.  `cell`: index of the pixel's cell along each axis.
     """
     table = {} if scene.map is None else scene.map.table
     if scene.map is None or format_of(Path(table["file"]), table) != "image" or any(table.get(key) for key in KEYS):

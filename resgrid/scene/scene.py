@@ -57,7 +57,7 @@ class Scene:
     goals : tuple of Shape, GoalPoint, GoalCell, GoalJoints or GoalPose
         Goals: places of the robot's reference point (an arm's tip) in world coordinates, cells, or configurations.
     starts : tuple of tuple of float
-        Start configurations, in world coordinates; of an arm its joint angles.
+        Start configurations, in world coordinates; of an arm its joint values, in radians or metres.
     areas : tuple of CostArea
         Regions of configuration space with a conductivity other than 1 (for points and discs, regions of the world).
         Where regions overlap, the last one applies.
@@ -80,7 +80,8 @@ class Scene:
         corners in space (26); or the six neighbours of a triangular lattice in the plane.  Paths of the last three run
         from node to node.
     edge : tuple of {"obstacle", "open", "periodic"}
-        Boundary condition at the border of the grid: one for all axes, or one per axis.  Periodic axes have no border.
+        Boundary condition at the border of the grid: one for all axes, or one per axis; by default obstacle.  Periodic
+        axes have no border.
     k : tuple of float
         Weights of the Dirichlet field in blends with the Neumann field, each in [0, 1].  Empty: no blend, the field of
         ``boundary``.
@@ -177,8 +178,9 @@ class Scene:
         ----------
         **changes
             New values of the attributes.  ``goal`` and ``start`` replace all goals or starts by one place or a list of
-            places: a point in world coordinates, a `GoalCell`, or, for goals, a `GoalJoints` or a shape.  ``k`` and
-            ``edge`` may be single values.
+            places: a point in world coordinates, a `GoalCell`, or, for goals, a `GoalJoints`, a `GoalPose` or a shape.
+            ``k`` and ``edge`` may be single values.  If the axes are those of the map, a new ``robot`` also sets axes
+            and frame, unless ``axes`` is given.
 
         Returns
         -------
@@ -236,10 +238,10 @@ def check_attributes(names: Iterable[str], *also: str) -> None:
 
 
 def start_point(start: GoalPoint | GoalCell | Point, axes: tuple[Axis, ...], frame: Frame, key: str = "start") -> Point:
-    """Return the world coordinates of a start, which is a point or a cell.
+    """Return the world coordinates of a start: its point, or the centre of its cell.
 
-    `axes`, `frame`: axes of the space and their transformation to the world; `key`: key path of the start, for
-    messages.
+    `axes`, `frame`: axes of the space, and the transformation from axis units to the world; `key`: key path of the
+    start, for messages.
     """
     if isinstance(start, GoalCell):
         return cell_centre(axes, frame, start.cell, key)
@@ -249,7 +251,7 @@ def start_point(start: GoalPoint | GoalCell | Point, axes: tuple[Axis, ...], fra
 def _places(key: str, given: Any) -> list[Any]:
     """Return one place or a list of places as a list, in which points are tuples; other places are unchanged.
 
-    `key`: "goal" or "start", for messages.
+    `given`: the place or places, where a list of numbers is one point; `key`: "goal" or "start", for messages.
     """
     if isinstance(given, Goal):
         return [given]

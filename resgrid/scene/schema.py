@@ -1,6 +1,6 @@
 """The schema of scene files as pydantic models, and the validation of documents, which reports all errors at once.
 
-Only functions import this module, because pydantic models take long to build.
+Other modules import this one inside functions only, because pydantic models take long to build.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ Count = Annotated[int, Ge(1), Le(10**15)]
 
 
 class Link(TableModel):
-    """A link of an arm."""
+    """A link of an arm: its length and width in axis units, and the range of its joint angle in radians."""
 
     length: Annotated[Length, Field(description="Distance between its two joints.")]
     width: Annotated[Width, Field(description="Width of the capsule that the link occupies.")] = 0.0
@@ -127,7 +127,10 @@ def _robot_kind(table: Any) -> str:
 
 
 def _kind_of(name: str, given: Any) -> str:
-    """Return the kind of a shape's or place's table `given`, such as ``circle``; `name`: key of the scene file."""
+    """Return the kind of a table, such as ``circle`` or ``cell``; raise ValueError if it has no known kind.
+
+    `name`: key of the scene file that holds the table, such as ``goal``; `given`: the table of a shape or place.
+    """
     shapes = [kind for kind in KINDS[name] if kind in SHAPES or kind in READERS]
     places = [kind for kind in KINDS[name] if kind not in shapes]
     if not isinstance(given, Mapping) and places:
@@ -180,7 +183,8 @@ class _Implied(TableModel):
 def _axis(cells: int | None, spacing: float | None, lower: float, upper: float, **keys: Any) -> Axis:
     """Return the axis of a table with either the number of cells or their width; raise ValueError otherwise.
 
-    `cells`: number of cells; `spacing`: their width; the absent one is None; `lower`, `upper`: ends of the axis.
+    `cells`: number of cells; `spacing`: width of a cell; exactly one of these two is None; `lower`, `upper`: ends of
+    the axis; lengths are in the unit of the axis.
     """
     if (cells is None) == (spacing is None):
         raise ValueError("give either cells or spacing, not " + ("both" if cells else "neither"))
@@ -210,7 +214,7 @@ _AXIS = filled_as(AxisTable, _axis)
 
 
 class GridTable(_Implied):
-    """The grid; for an arm, ``cells`` is enough."""
+    """The grid: its axes, and their numbers of cells; for an arm, ``cells`` is enough."""
 
     axes: Annotated[list[_AXIS], Len(1, 4), Field(description="The axes, one to four.")]  # type: ignore[valid-type]
     cells: Annotated[
@@ -300,7 +304,10 @@ TABLES: dict[str, Any] = {
 
 
 def keys_of(path: tuple[str | int, ...], kind: str | None) -> list[str]:
-    """Return the allowed keys of the table at a key path; `kind`: kind of the table, None if there is one kind only."""
+    """Return the allowed keys of the table at a key path, empty if there is no such table.
+
+    `path`: names and indices, empty for the top level; `kind`: kind of the table, None if there is one kind only.
+    """
     name = next((part for part in reversed(path) if isinstance(part, str)), "")
     table: Any = TABLES.get(name) or (KINDS[name][kind].__origin__ if kind in KINDS.get(name, {}) else None)
     return [] if table is None else [field.alias or key for key, field in table.model_fields.items()]
@@ -328,7 +335,7 @@ def validate(raw: Mapping[str, Any]) -> tuple[Any, list[Problem], dict[Path, Any
 
 
 def _message(detail: ErrorDetails, raw: Mapping[str, Any]) -> str:
-    """Return the message for one of pydantic's errors; for an unknown key it names the nearest key of the table.
+    """Return the message for one of pydantic's errors; for an unknown key, the message names the nearest known key.
 
     `detail`: the error; `raw`: keys and tables of the document.
     """
@@ -347,7 +354,10 @@ def _path_in(raw: Any, location: Path) -> Path:
 
 
 def _unknown_key(path: Path, raw: Any) -> str:
-    """Return the message for an unknown key at a path: the nearest key, the table of the key, or all allowed keys."""
+    """Return the message for an unknown key: the key of the nearest spelling, its table, or all allowed keys.
+
+    `path`: key path of the unknown key; `raw`: keys and tables of the document.
+    """
     kind = None  # of a table that has several kinds
     if path[0] in KIND_OF and len(path) == (2 if path[0] == "robot" else 3):
         kind = KIND_OF[str(path[0])](raw["robot"] if path[0] == "robot" else raw[path[0]][path[1]])

@@ -19,9 +19,8 @@ from resgrid.scene.mask import Mask
 class SpeedLimits(NamedTuple):
     """Speed limits of n points or segments.
 
-    `fraction` (n,): fraction of the robot's largest speed; `speed` (n,): speed in units of the world per second.
-
-    Without a limit, the fraction is 1 and the speed is infinite.
+    Both limits apply.  `fraction` (n,): largest fraction of the robot's largest speed, 1 without a limit; `speed` (n,):
+    largest speed in units of the world per second, infinite without a limit.
     """
 
     fraction: NDArray[np.float64]
@@ -32,8 +31,9 @@ class SpeedLimits(NamedTuple):
 class _Zone:
     """One speed mask.
 
-    `grid`: its pixels; `limit` (width, height): speed limit of every pixel, infinite for none; `is_percent`: whether
-    limits are in percent of the robot's largest speed; otherwise they are in lengths per second.
+    `grid`: its pixels; `limit` (width, height): speed limit of every pixel, infinite for none, first index along x,
+    second along y, upwards; `is_percent`: whether limits are in percent of the robot's largest speed; otherwise they
+    are in units of the world per second.
     """
 
     grid: MaskGrid
@@ -43,14 +43,14 @@ class _Zone:
 
 @dataclass(frozen=True, eq=False)
 class SpeedZones:
-    """The speed masks of a scene; `zones`: their pixels and limits."""
+    """The speed masks of a scene; `zones`: pixels and speed limits of each mask."""
 
     zones: tuple[_Zone, ...]
 
     def at(self, points: NDArray[np.float64]) -> SpeedLimits:
-        """Return the limits at points (n, d) in world coordinates, whose first two coordinates are a place.
+        """Return the limits at points (n, d) in world coordinates, whose first two coordinates are x and y.
 
-        Where masks overlap, the smallest limit of each unit applies.
+        Where masks overlap, the smallest limit of each unit applies; outside all masks there is no limit.
         """
         fraction, speed = np.ones(len(points)), np.full(len(points), np.inf)
         for zone in self.zones:
@@ -65,20 +65,22 @@ class SpeedZones:
         return SpeedLimits(fraction, speed)
 
     def widened(self, distance: float) -> SpeedZones:
-        """Return zones with the smallest limit of all pixels within a distance of each pixel, also outside the masks.
+        """Return zones in which each pixel has the smallest limit of all pixels at most a distance away.
 
-        The zones hold for a motion that deviates from its path by at most `distance`, in units of the world, which is
-        rounded up to whole pixels.
+        The masks are enlarged by this distance on every side.  The zones hold for a motion that deviates from its path
+        by at most `distance`.  `distance`: length in units of the world, rounded up to whole pixels; rows and columns
+        count, so the pixels around a pixel form a square.
         """
         if not distance:
             return self
         return SpeedZones(tuple(_widened(zone, ceil(distance / zone.grid.spacing)) for zone in self.zones))
 
     def split(self, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64], SpeedLimits]:
-        """Return a polyline divided where its limits change, and the limits of its segments.
+        """Return a polyline divided where its speed limits change, and the limits of its segments.
 
-        `points` (n, d): corners in world coordinates.  The result has the corners (m, d), the number (m - 1,) of the
-        original segment that contains each segment, and the limits of each segment.
+        `points` (n, d): vertices in world coordinates, first x and y.  The result consists of the vertices (m, d), the
+        number (m - 1,), from 0, of the original segment that contains each new segment, and the limits (m - 1,) of each
+        new segment.  Segments without length are left out.
         """
         corners, origin = [points[:1]], []
         fraction, speed = [], []
@@ -99,9 +101,10 @@ class SpeedZones:
         return np.concatenate(corners), np.array(origin), SpeedLimits(np.concatenate(fraction), np.concatenate(speed))
 
     def _cuts(self, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return 0, 1 and the fractions of a segment at which it crosses borders between pixels, ascending, (n,).
+        """Return 0, 1 and the fractions of a segment at which the segment crosses borders of pixels, ascending, (n,).
 
-        `start`, `end` (d,): ends of the segment in world coordinates.
+        `start` (fraction 0), `end` (fraction 1), each (d,): ends of the segment in world coordinates; n is the number
+        of different fractions.
         """
         cuts = [np.array([0.0, 1.0])]
         for zone in self.zones:
@@ -114,10 +117,11 @@ class SpeedZones:
 
 
 def speed_zones(masks: Sequence[Mask]) -> SpeedZones | None:
-    """Return the speed zones of masks; None without a speed mask.
+    """Return the speed zones of the speed masks among `masks`; None without a speed mask.
 
-    As in Nav2, a pixel of occupancy 0 or -1 has no limit.  A limit of 0, below 0, or above 100 percent means no limit
-    as well; a warning is issued for the last two.
+    The limit of a pixel is ``base + multiplier * occupancy`` of its mask.  As in Nav2, a pixel of occupancy 0 or -1
+    (unknown) has no limit.  A limit of 0, below 0, or above 100 percent means no limit as well; a warning is issued for
+    limits below 0 or above 100 percent.
     """
     zones = []
     for mask in masks:

@@ -1,7 +1,8 @@
-"""Pydantic models of the tables of a scene file, generated from dataclasses and functions.
+"""Pydantic models of the tables of a scene file, generated from dataclasses and functions, and their conversions.
 
 The annotations of a dataclass (or of a function's options) give types, ranges (`annotated_types`) and units
-(`Quantity`); its docstring gives the descriptions.  Validated tables are converted to values of the dataclass.
+(`Quantity`); its docstring gives the descriptions.  Validated tables become values of the dataclass; `plain` is the
+inverse.
 """
 
 from __future__ import annotations
@@ -26,13 +27,13 @@ _ENTRY = re.compile(r"^(\w[\w, ]*?)(?: : .*)?$")
 
 
 class TableModel(BaseModel):
-    """Base of all tables: unknown keys are errors, and values are not converted silently."""
+    """Base of all tables: unknown keys, other types (text for a number), and numbers that are not finite are errors."""
 
     model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 
 
 def meanings(value: Callable[..., Any]) -> dict[str, str]:
-    """Return the descriptions of a class's attributes or a function's parameters by name, from its docstring."""
+    """Return the descriptions of a class's attributes or a function's parameters by name, from a numpydoc docstring."""
     described: dict[str, str] = {}
     names: list[str] = []
     for line in cleandoc(value.__doc__ or "").split("\n"):
@@ -46,7 +47,7 @@ def meanings(value: Callable[..., Any]) -> dict[str, str]:
 
 
 def unit_of(hint: Any) -> str:
-    """Return the unit in the type annotation of a field as text; empty if the annotation has no unit."""
+    """Return the unit in the type annotation of a field as text, such as ``ohm``; empty without a unit."""
     units = [mark.unit for mark in getattr(hint, "__metadata__", ()) if isinstance(mark, Quantity)]
     return next(filter(None, [*units, *map(unit_of, get_args(hint))]), "")
 
@@ -152,7 +153,10 @@ def filled_as(table: Any, build: Callable[..., Any], *left_out: str) -> Any:
 
 
 def check_fields(value: Any) -> None:
-    """Validate the fields of a dataclass instance, and store the converted values in the instance."""
+    """Validate the fields of a dataclass instance, and store the converted values in the instance.
+
+    Fields with a default factory are not validated.  Raises one InputError that lists all problems.
+    """
     single = [item.name for item in dataclasses.fields(value) if item.default_factory is dataclasses.MISSING]
     given = {name: getattr(value, name) for name in single}
     filled = fields_of(type(value), given)

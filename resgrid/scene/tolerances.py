@@ -16,9 +16,9 @@ from resgrid.scene.scene import Scene
 def tolerant_goal(scene: Scene, point: Point, tolerance: float) -> GoalCells:
     """Return the mask of the cells within a distance of a goal point, and for each a configuration of the goal.
 
-    Obstacle cells are included. `point`: place of the reference point, or a configuration (x, y, heading), whose
-    heading has no tolerance; `tolerance`: largest distance of the reference point, in the unit of its place. The
-    configurations are in axis units.
+    Obstacle cells are included.  `point`: place of the robot's reference point in the coordinates of the space, or a
+    configuration (x, y, heading), whose heading has no tolerance; `tolerance`: largest distance of the reference point
+    from this place, in the unit of the place.  The configurations are in axis units.
     """
     robot, axes = scene.robot, scene.axes
     if robot.base is not None or robot.moves_in_workspace or len(point) < len(axes):
@@ -30,7 +30,10 @@ def tolerant_goal(scene: Scene, point: Point, tolerance: float) -> GoalCells:
 
 
 def require_no_heading(scene: Scene, key: str) -> None:
-    """Raise InputError unless the robot is a point or a disc in the plane; `key`: key path of a goal with a heading."""
+    """Raise InputError unless the scene's robot may have a goal with ``heading``: a point or a disc in the plane.
+
+    Other robots have no heading, or give theirs as third coordinate of the goal.  `key`: key path of the goal.
+    """
     if scene.robot.turning_length is not None:
         raise InputError(
             f"{key}.heading: this robot has a heading of its own; give it as third coordinate of the point, and remove "
@@ -43,8 +46,8 @@ def require_no_heading(scene: Scene, key: str) -> None:
 def goal_heading(scene: Scene, end: NDArray[np.float64]) -> float | None:
     """Return the heading in radians that a scene demands at the end of a path that reaches a goal; None for no demand.
 
-    `end` (ndim,): last point of the path in world coordinates.  Among the goal points whose tolerance, plus the width
-    of a cell, is at least their distance from the end, the nearest one applies.
+    The heading is that of the goal point nearest to the end of the path, among the goal points at most their tolerance
+    plus the width of a cell away.  `end` (ndim,): last point of the path in world coordinates.
     """
     slack = max(axis.spacing for axis in scene.axes)
     distance = {

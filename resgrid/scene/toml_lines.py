@@ -21,7 +21,8 @@ _TOKEN = re.compile(
 def key_lines(text: str) -> dict[Path, int]:
     """Return the line number, from 1, of every table, key and array element of a valid TOML document, by key path.
 
-    A key path is a tuple of names and indices, such as ``("obstacle", 2, "radius")``.  `text`: the document.
+    A key path is a tuple of names and indices, such as ``("obstacle", 2, "radius")``.  `text`: the document, with line
+    feeds as line ends.
     """
     scanner = _Scanner(text)
     prefix: Path = ()
@@ -37,13 +38,17 @@ def line_of(lines: Mapping[Path, int], path: Path) -> int | None:
     """Return the line number of a key path, or of the innermost enclosing table or list with a line number.
 
     `lines`: line numbers by key path; `path`: names and indices, such as ``("obstacle", 2, "radius")``.  The result is
-    None if neither the path nor an enclosing table or list has one.
+    None if neither the path nor an enclosing table or list has a line number.
     """
     return next((lines[path[:size]] for size in range(len(path), 0, -1) if path[:size] in lines), None)
 
 
 class _Scanner:
-    """Scanner of the tokens of a TOML document that records the line numbers of keys in a single pass over the text."""
+    """Scanner of the tokens of a TOML document that records the line numbers of keys in a single pass over the text.
+
+    `tokens`: pairs of text and line number, the next one last; `lines`: line numbers from 1 by key path; `tables`:
+    index of the current table of each array of tables, by key path.
+    """
 
     def __init__(self, text: str) -> None:
         tokens, line = [], 1
@@ -59,7 +64,7 @@ class _Scanner:
         return self.tokens[-1][0]
 
     def skip(self) -> str:
-        """Remove line ends and commas from the input, and return the next token without its removal."""
+        """Remove line ends and commas before the next token, and return this token, which stays in the input."""
         while self.peek() in ("\n", ","):
             self.tokens.pop()
         return self.peek()

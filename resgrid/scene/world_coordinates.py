@@ -1,4 +1,4 @@
-"""Conversion of points and shapes between world coordinates and the coordinates of the configuration space."""
+"""Conversion of points, shapes and cells of a map to the coordinates and cells of the configuration space, and back."""
 
 from __future__ import annotations
 
@@ -17,8 +17,9 @@ from resgrid.scene.maps.arrays import MapCells
 def locate_point(axes: tuple[Axis, ...], frame: Frame, point: Point, key: str) -> tuple[tuple[int, ...], Point]:
     """Return the index of the cell of a point in world coordinates, and the point in the coordinates of the space.
 
-    `axes`, `frame`: axes of the space, and their transformation to the world; `key`: key path of the point, for
-    messages. Raises InputError if the point lies outside the grid.
+    Along periodic axes, the returned point lies inside the grid.  `axes`, `frame`: axes of the space, and the
+    transformation from axis units to the world; `key`: key path of the point, for messages.  Raises InputError if the
+    point lies outside the grid.
     """
     inside = frame.from_world(point)
     try:
@@ -46,7 +47,8 @@ def unknown_cells(cells: MapCells | None, axes: tuple[Axis, ...]) -> NDArray[np.
 def over_map(values: NDArray[Any], axes: tuple[Axis, ...]) -> NDArray[Any]:
     """Return values of a map's cells broadcast to the shape of a space, constant along further axes.
 
-    `values`: shape of the map; `axes`: axes of the space, whose first axes are those of the map.
+    `values`: one value per cell of the map, shape of the map; `axes`: axes of the space, of which the first ones are
+    the axes of the map.
     """
     planar = values.reshape(values.shape + (1,) * (len(axes) - values.ndim))
     return np.broadcast_to(planar, tuple(axis.cells for axis in axes))
@@ -67,7 +69,8 @@ def _exchange_hint(axes: tuple[Axis, ...], point: NDArray[np.float64]) -> str:
 def cell_centre(axes: tuple[Axis, ...], frame: Frame, cell: tuple[int, ...], key: str) -> Point:
     """Return the world coordinates of the centre of a cell; raise InputError if the cell is outside the grid.
 
-    `cell`: index along each axis; `key`: key path of the cell, for messages.
+    `axes`, `frame`: axes of the space, and the transformation from axis units to the world; `cell`: index along each
+    axis; `key`: key path of the cell, for messages.
     """
     check_cell(axes, cell, key)
     inside = [axis.lower + (index + 0.5) * axis.spacing for index, axis in zip(cell, axes, strict=True)]
@@ -82,7 +85,11 @@ def check_cell(axes: tuple[Axis, ...], cell: tuple[int, ...], key: str) -> None:
 
 
 def to_space(shape: Shape, frame: Frame) -> Shape:
-    """Return a shape converted from world coordinates to the coordinates of the space; a `CellSet` is unchanged."""
+    """Return a shape converted from world coordinates to the coordinates of the space; a `CellSet` is unchanged.
+
+    `frame`: transformation from the coordinates of the space to the world.  Raises InputError for a shape with three
+    coordinates if the two coordinate systems differ.
+    """
     if frame.is_world or isinstance(shape, CellSet):  # a map's cells have these coordinates already
         return shape
     if shape.ndim != 2:

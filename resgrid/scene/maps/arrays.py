@@ -43,7 +43,8 @@ class MapCells:
     Attributes
     ----------
     axes : tuple of Axis
-        Axes of the map in its own coordinates.  They are the axes of the scene, unless its robot turns or is an arm.
+        Axes of the map in its own coordinates.  They are the axes of the scene, unless the scene's robot turns or is an
+        arm.
     cell : ndarray of uint8, one dimension per axis
         `resgrid.Cell` codes on these axes, before obstacles grow by the robot's radius.
     frame : Frame
@@ -88,12 +89,12 @@ class MapCells:
     extent: float = inf
 
     def with_table(self, table: Mapping[str, Any]) -> MapCells:
-        """Return a copy with a ``[map]`` table, whose periodic axes are closed to rings.
+        """Return a copy of the map with another ``[map]`` table; the axes that this table lists become periodic.
 
         Parameters
         ----------
         table : mapping
-            The table; ``periodic`` lists names of axes.
+            The table; ``periodic`` lists names of axes, and all other axes become not periodic.
 
         Returns
         -------
@@ -116,7 +117,7 @@ class MapCells:
 
     @property
     def obstacles(self) -> CellSet:
-        """Obstacle cells of the map and obstacles around a cropped map, as a shape in map coordinates.
+        """Obstacle cells of the map, and those around a cropped map that the robot can touch, in map coordinates.
 
         Unknown cells are not included if the key ``inflate_around_unknown`` of `table` is false.
         """
@@ -162,7 +163,7 @@ class MapCells:
         return tuple(axes), replace(self.frame, turning_length=robot.turning_length)
 
     def without_obstacles(self) -> MapCells:
-        """Return a copy of the map in which obstacle cells are free."""
+        """Return a copy of the map in which obstacle cells are free, without unknown cells and obstacles around it."""
         cell = np.where(self.cell == Cell.OBSTACLE, np.uint8(Cell.FREE), self.cell)
         return replace(self, cell=cell, unknown=None, surroundings=None)
 
@@ -181,7 +182,9 @@ def placed_axes(
     origin: Annotated[tuple[float, ...], Len(1, 4)] | None = None,
     unit: str | None = None,
 ) -> tuple[Axis, ...]:
-    """Return the axes of a map of shape `shape`, in cells, whose format has no position and resolution.
+    """Return the axes of a map from a file format without position and resolution.
+
+    `shape`: number of cells along each axis.
 
     Parameters
     ----------
@@ -203,7 +206,7 @@ def placed_axes(
 
 
 def read_npy(path: Path) -> NDArray[np.uint8]:
-    """Return the cell codes of a file in NumPy format, one axis of the array per axis of the map.
+    """Return the cell codes of a file in NumPy format; axes and order of the array are those of the map.
 
     The file holds codes (0 free, 1 obstacle, 2 goal) or booleans (true is an obstacle).
     """

@@ -1,4 +1,4 @@
-"""The table of map formats with their readers and options, and a description of how a map was read."""
+"""The table of map formats with their readers and options, the reading of a map file, and a description of a map."""
 
 from __future__ import annotations
 
@@ -41,9 +41,9 @@ class MapFormat:
 
     `read`: reader, which returns the map, or only the cell codes if the format has no position and resolution;
     `suffixes`: suffixes of the files, with the point; `magic`: possible first bytes of the files; `open`: function with
-    the options of `read` that returns a map of which parts can be read, None if the whole map must be read. The options
-    of the reader are keys of the ``[map]`` table; the types of its parameters give their ranges, its docstring their
-    descriptions.
+    the options of `read` that returns a map of which parts can be read, None if the whole map must be read.  The
+    reader's options are keys of the ``[map]`` table; the reader's type annotations give the ranges of these keys, the
+    reader's docstring their descriptions.
     """
 
     read: Callable[..., NDArray[np.uint8] | MapCells]
@@ -89,7 +89,8 @@ COMMON = ("file", "format", "periodic", "headings")
 def map_options() -> dict[str, Any]:
     """Return the options of all map readers, and of cropping and joining cells: a type and a pydantic field by name.
 
-    The field holds default and description, which ends with the names of the formats that have this option.
+    The field holds default and description; for an option of readers, the description ends with the formats that have
+    this option.
     """
     options = {name: entry.options for name, entry in FORMATS.items()}
     takers = {key: [name for name in options if key in options[name]] for known in options.values() for key in known}
@@ -102,11 +103,11 @@ def map_options() -> dict[str, Any]:
 
 
 def read_map(table: Mapping[str, Any], extent: float = 0.0) -> MapCells:
-    """Return the cells of the map file that a ``[map]`` table names, cropped, and joined or divided as it demands.
+    """Return the cells of the map file that a ``[map]`` table names, cropped, joined or divided as the table demands.
 
-    `table`: values by key; ``file`` is an absolute path, the other keys are options of the reader; `extent`: largest
-    distance from the robot's reference point to a point of the robot, in axis units, for the obstacles around a cropped
-    map.
+    `table`: values by key; ``file`` is an absolute path, other keys are ``format``, ``periodic``, options of the
+    reader, and options that crop, join or divide cells; `extent`: largest distance from the robot's reference point to
+    a point of the robot, in axis units, for the obstacles around a cropped map.
     """
     path = Path(table["file"])
     name = format_of(path, table)
@@ -157,7 +158,8 @@ _NO_MAPS = {
 def format_of(path: Path, table: Mapping[str, Any]) -> str:
     """Return the name of the format of the map file `path`: from its ``[map]`` table, its suffix, or its first bytes.
 
-    `table`: values of the table by key, of which ``format`` has priority.
+    `table`: values of the table by key; a value of ``format`` other than ``auto`` has priority.  Raises InputError for
+    a file that is not a map of a known format.
     """
     if table.get("format", "auto") != "auto":
         return str(table["format"])
@@ -178,10 +180,10 @@ def format_of(path: Path, table: Mapping[str, Any]) -> str:
 
 
 def warn_of_header(path: Path) -> None:
-    """Issue a warning if a picture belongs to a ROS map in the same folder.
+    """Issue a warning if a picture belongs to a ROS map: a YAML file of the same name in its folder that names it.
 
-    `path`: picture, which is read without the map's ``map.yaml``, and thus without its resolution, origin and
-    thresholds.
+    `path`: file of the picture, which is read without this YAML file, and thus without the resolution, origin and
+    thresholds of the ROS map.
     """
     for suffix in FORMATS["ros"].suffixes:
         header = path.with_suffix(suffix)
@@ -197,9 +199,10 @@ def warn_of_header(path: Path) -> None:
 def describe_map(cells: MapCells) -> dict[str, Any]:
     """Return the description of a map as a dictionary for JSON.
 
-    Keys: ``file`` and ``format``; for pictures ``greys``, ranges of grey values as tuples (first, last, meaning) with
-    the meanings obstacle, free, goal or unknown; for ROS maps also ``dialect``; for MovingAI maps ``passable`` (letters
-    of free cells); for maps with unknown cells ``unknown_cells`` (number) and ``unknown_as`` (obstacle or free).
+    Keys: ``file``, ``format``, and the given keys that crop, join or divide cells; for pictures ``greys``, ranges of
+    grey values as tuples (first, last, meaning) with the meanings obstacle, free, goal or unknown; for ROS maps
+    ``greys`` and ``dialect``; for MovingAI maps ``passable`` (letters of free cells); for maps of formats with unknown
+    cells ``unknown_cells`` (number) and ``unknown_as`` (obstacle or free).
     """
     table = cells.table
     file = Path(table["file"])

@@ -59,11 +59,12 @@ class MaskGrid:
         return found
 
     def largest_in(self, axes: Sequence[Axis], frame: Frame, *, centres: bool) -> NDArray[np.int8]:
-        """Return the largest occupancy of the pixels that each cell of a plane grid overlaps, -1 without known pixels.
+        """Return the largest occupancy of the pixels that overlap each cell of a plane grid, -1 without known pixels.
 
         `axes`: the two axes of the grid; `frame`: transformation from axis units to the world; `centres`: whether only
-        the pixel at each cell's centre counts, as in Nav2. The result has the shape of the grid. Two squares overlap if
-        no side of either separates them; those that only touch do not overlap.
+        the pixel at each cell's centre counts, as in Nav2; otherwise all that overlap the cell do.  The result has the
+        shape of the grid.  A pixel and a cell overlap if no side of either separates them; if they only touch, they do
+        not overlap.
         """
         plane = Frame(frame.x, frame.y, frame.yaw)
         result = np.empty(tuple(axis.cells for axis in axes), dtype=np.int8)
@@ -95,7 +96,7 @@ class MaskGrid:
 
 
 def read_mask(file: str, dialect: Dialect) -> MaskGrid:
-    """Return the pixels of a mask, read from its ``map.yaml``.
+    """Return the pixels of a mask; `file`: its ``map.yaml``; `dialect`: ROS map reader whose rules apply.
 
     In ROS 1, with mode ``raw``, pixels of 101 to 254 are occupied and have the occupancy 100, as in costmap_2d.
     """

@@ -1,4 +1,4 @@
-"""MovingAI benchmark maps (``.map``), their scenarios (``.scen``) and voxel maps (``.3dmap``).
+"""Readers of MovingAI benchmark maps (``.map``), their scenarios (``.scen``) and voxel maps (``.3dmap``).
 
 Formats: N. Sturtevant, "Benchmarks for Grid-Based Pathfinding", IEEE Trans. Comput. Intell. AI in Games 4 (2012) 144,
 and https://movingai.com/benchmarks/formats.html; scenarios of version 0: HOG2's ``ScenarioLoader.cpp``; voxel maps:

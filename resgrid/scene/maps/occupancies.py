@@ -37,8 +37,8 @@ def cells_of_occupancies(
 def conductivities(percent: NDArray[Any], least: float, lethal: int) -> NDArray[np.float64]:
     """Return the relative conductivities of cells: least ** (p / lethal) for an occupancy p below `lethal`, else 1.
 
-    `percent`: occupancies p in percent, negative for unknown cells, whose conductivity is 1; `least`: conductivity that
-    p approaches just below `lethal`; `lethal`: smallest occupancy of an obstacle. The result has the shape of
+    `percent`: occupancies p in percent, negative for unknown cells, whose conductivity is 1; `least`: limit of the
+    conductivity as p rises to `lethal`; `lethal`: smallest occupancy of an obstacle. The result has the shape of
     `percent`.
     """
     known = np.clip(percent, 0, None)

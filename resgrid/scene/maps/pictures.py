@@ -111,7 +111,9 @@ class Raster:
 
 
 def read_grey(path: Path, threshold: Annotated[int, Ge(0), Le(65536)] = THRESHOLD) -> NDArray[np.uint8]:
-    """Return the cell codes (width, height) of a picture, in which dark pixels are obstacles.
+    """Return the cell codes (width, height) of a picture: dark pixels are obstacles, all others are free.
+
+    The first index runs along x, the second along y, upwards: index 0 of the second axis is the bottom row.
 
     Parameters
     ----------
@@ -125,9 +127,10 @@ def read_grey(path: Path, threshold: Annotated[int, Ge(0), Le(65536)] = THRESHOL
 def read_epic(path: Path) -> NDArray[np.uint8]:
     """Return the cell codes (width, height) of a picture by the convention of the program epic.
 
-    The grey value 0 is an obstacle, 255 a goal, other values are free.  Colours are converted to grey by their rounded
-    luma, opacity is ignored (K. Wray, D. Ruiken, R. Grupen and S. Zilberstein, "Log-space harmonic function path
-    planning", IROS 2016; OpenCV's ``IMREAD_GRAYSCALE``).
+    Codes are those of `Cell`: the grey value 0 gives 1 (obstacle), 255 gives 2 (goal), other values 0 (free).  The
+    first index runs along x, the second along y, upwards: index 0 of the second axis is the bottom row.  Colours are
+    converted to grey by their rounded luma, opacity is ignored (K. Wray, D. Ruiken, R. Grupen and S. Zilberstein,
+    "Log-space harmonic function path planning", IROS 2016; OpenCV's ``IMREAD_GRAYSCALE``).
     """
     grey = read_raster(path).grey
     return cells_from_rows(
@@ -138,8 +141,8 @@ def read_epic(path: Path) -> NDArray[np.uint8]:
 def read_raster(path: Path, bytes_per_pixel: int = BYTES_PER_PIXEL) -> Raster:
     """Return the channel values of a picture file of any format that `read_pnm` or Pillow supports.
 
-    `bytes_per_pixel`: memory per pixel for decoding and later use; BudgetError is raised if the picture would not fit
-    in memory.
+    `bytes_per_pixel`: memory per pixel for decoding and later use.  Raises BudgetError if the picture would not fit in
+    memory, and InputError if the file is missing, damaged or of another kind.
     """
     data = _bytes_of(path)
     if data[:2] in MAGICS:
@@ -148,10 +151,10 @@ def read_raster(path: Path, bytes_per_pixel: int = BYTES_PER_PIXEL) -> Raster:
 
 
 def open_picture(path: Path) -> Raster | DecodedPicture:
-    """Return a picture file, decoded at most once, whose method `part` returns windows as rasters.
+    """Return the picture in a file, decoded at most once; the method `part` of the result returns parts as rasters.
 
-    The memory is that of the file and, for compressed files, of the decoded pixels. Raises BudgetError if these would
-    not fit; the memory of the windows is not checked here.
+    The picture needs the memory of the file and, for compressed files, of the decoded pixels.  Raises BudgetError if
+    the decoded pixels would not fit; the memory of the parts is not checked here.
     """
     data = _bytes_of(path)
     if data[:2] in MAGICS:
@@ -199,7 +202,7 @@ def _read_with_pillow(
 
     `data`: content of the file; `path`: name of the file, for messages; `bytes_per_pixel`: memory per pixel that is
     checked beforehand; `in_parts`: whether the picture may stay in the memory of Pillow, so that only parts become
-    rasters.
+    rasters; pictures of 16 bits, and BMPs with opacity that Pillow drops, become rasters all the same.
     """
     from PIL import Image, UnidentifiedImageError
 
@@ -298,8 +301,8 @@ def _png_layout(data: bytes) -> tuple[int, int] | None:
 def _deep_values(image: Image, data: bytes, layout: tuple[int, int] | None, path: Path) -> NDArray[np.uint16]:
     """Return the channel values (height, width, channels) of a picture with 16 bits per channel.
 
-    `data`: content of the file; `layout`: bits per channel and colour type of a PNG, otherwise None; `path`: for
-    messages.
+    `image`: the picture as Pillow opens it; `data`: content of the file; `layout`: bits per channel and colour type of
+    a PNG, otherwise None; `path`: name of the file, for messages.
     """
     from PIL import Image as Pillow, ImageFile
 
@@ -337,9 +340,10 @@ def _with_layout(data: bytes, depth: int, colour: int) -> bytes:
 
 
 def _transparent(values: NDArray[Any], key: Any) -> NDArray[Any]:
-    """Return channel values with an added opacity channel, 0 at pixels of the transparent colour `key`.
+    """Return channel values with an added opacity channel: 0 at pixels of the transparent colour, full at all others.
 
-    Without a key (None), the result is `values` (height, width, channels).
+    `values` (height, width, channels): channel values without opacity; `key`: the transparent colour, one number per
+    channel; None returns `values` unchanged.
     """
     if key is None:
         return values

@@ -46,10 +46,11 @@ class _Header(NamedTuple):
 def read_pnm(data: bytes, path: Path, bytes_per_pixel: int = BYTES_PER_CELL) -> tuple[NDArray[Any], int]:
     """Return the channel values (height, width, channels) of an anymap, and the channel value of white.
 
-    `data`: content of the file; `path`: for messages; `bytes_per_pixel`: memory that the caller needs per pixel, for
-    the check of the available memory.  Blanks, tabs, line ends and comments (from ``#`` to the end of the line) may
-    separate the numbers of the header; one blank character ends the header.  Values above 255 have two bytes, the high
-    byte first.  Bits become grey values, 0 for black and 1 for white.  Bytes after the last pixel are ignored.
+    `data`: content of the file; `path`: name of the file, for messages; `bytes_per_pixel`: memory that the caller needs
+    per pixel, for the check of the available memory.  Blanks, tabs, line ends and comments (from ``#`` to the end of
+    the line) may separate the numbers of the header; one blank character ends the header.  If the value of white is
+    above 255, binary values have two bytes, the high byte first.  Bits become grey values, 0 for black and 1 for white.
+    Bytes after the last pixel are ignored.
     """
     header = _read_header(data, path)
     width, height, maxval, channels = header.width, header.height, header.maxval, header.channels
@@ -133,9 +134,9 @@ def _plain_bits(data: bytes, count: int, path: Path) -> NDArray[Any]:
 
 
 def _packed_bits(data: bytes, header: _Header) -> NDArray[Any]:
-    """Return the pixels (n,) of a binary bitmap, 0 for black and 1 for white.
+    """Return the pixels (n,) of the complete rows of a binary bitmap, 0 for black and 1 for white, top row first.
 
-    In the file, rows are padded to whole bytes, and the bit 1 is black.
+    In the file, rows are padded to whole bytes, and the bit 1 is black.  `data`: content of the file.
     """
     row = -(-header.width // 8)
     rows = min(header.height, max(0, len(data) - header.start) // row)

@@ -37,13 +37,13 @@ class MapSource(Protocol):
         """Transformation from map coordinates to world coordinates."""
 
     def known(self) -> Window | None:
-        """Return the smallest window that contains all cells of known occupancy; None if no cell is known.
+        """Return the index ranges (first, end), one per axis, end excluded, of the smallest box with all known cells.
 
-        Raises InputError for a format without unknown cells.
+        None if no cell is known.  Raises InputError for a format without unknown cells.
         """
 
     def cells(self, window: Window) -> MapCells:
-        """Return the cells of a window, with the axes of this part."""
+        """Return the cells of a part, with its axes; `window`: index range (first, end) per axis, end excluded."""
 
 
 @dataclass(frozen=True)
@@ -94,8 +94,8 @@ class Preparation:
     def apply(self, source: MapSource, periodic: Sequence[str] = ()) -> MapCells:
         """Return the cells of a map after cropping, and after joining or dividing cells.
 
-        `periodic`: names of the periodic axes of the map. Raises InputError if the cropped part is empty, or if a
-        periodic axis would be cut.
+        `source`: the map; `periodic`: names of its periodic axes. Raises InputError if the cropped part is empty, if a
+        periodic axis would be cut, or if cells are joined over more than the map.
         """
         axes = source.axes
         whole = whole_window(axes)
@@ -120,9 +120,9 @@ class Preparation:
         return self._resized(source, inner, outer)
 
     def _margin(self, axis: Axis) -> int:
-        """Return the width, in cells, of the border around a cropped part whose obstacles the robot can touch.
+        """Return the width, in cells, of the border around a cropped part within which the robot can touch obstacles.
 
-        The width is 0 without cropping. `axis`: axis of the map across the border.
+        The width is 0 without cropping, and for a point. `axis`: axis of the map along which the width is measured.
         """
         if self.crop is None or not self.extent:
             return 0
@@ -131,7 +131,7 @@ class Preparation:
     def _inflated(self, codes: NDArray[np.uint8], unknown: NDArray[np.bool_] | None) -> NDArray[np.bool_]:
         """Return the mask of obstacle cells that no point of the robot may touch, in the shape of `codes`.
 
-        `codes`: cell codes; `unknown`: mask of unknown cells, None without any; unless `inflate_around_unknown`,
+        `codes`: cell codes; `unknown`: mask of unknown cells, None without any.  If `inflate_around_unknown` is False,
         unknown cells are not in the result.
         """
         blocked = np.asarray(codes == Cell.OBSTACLE)
@@ -223,13 +223,16 @@ class LoadedMap:
         return self.loaded.frame
 
     def known(self) -> Window | None:
-        """Return the smallest window with all cells of known occupancy; None if no cell is known."""
+        """Return the index ranges (first, end), one per axis, end excluded, of the smallest box with all known cells.
+
+        None if no cell is known.  Raises InputError for a format without unknown cells.
+        """
         if self.loaded.unknown is None:
             raise no_unknown_cells(len(self.axes))
         return extent_of_mask(~self.loaded.unknown)
 
     def cells(self, window: Window) -> MapCells:
-        """Return the cells of a window, as a copy unless the window is the whole map."""
+        """Return the cells of a part, copied unless it is the whole map; `window`: range (first, end) per axis."""
         at = tuple(slice(*ends) for ends in window)
         if all(part == slice(0, size) for part, size in zip(at, self.loaded.cell.shape, strict=True)):
             return self.loaded
@@ -253,7 +256,7 @@ def no_unknown_cells(ndim: int) -> InputError:
 
 
 def extent_of_mask(mask: NDArray[np.bool_]) -> Window | None:
-    """Return the smallest window that contains all True entries of a mask; None without such an entry."""
+    """Return the ranges (first, end), one per axis, of the smallest box with all True entries; None without any."""
     ends = []
     for axis in range(mask.ndim):
         found = np.flatnonzero(mask.any(axis=tuple(other for other in range(mask.ndim) if other != axis)))
@@ -264,7 +267,7 @@ def extent_of_mask(mask: NDArray[np.bool_]) -> Window | None:
 
 
 def window_of_box(axes: Sequence[Axis], frame: Frame, box: Sequence[float]) -> Window:
-    """Return the smallest window of whole cells that covers the part of a box inside the map.
+    """Return the index ranges (first, end), one per axis, of the fewest cells that cover the part of a box in the map.
 
     `axes`: axes of the map; `frame`: transformation from map coordinates to the world; `box`: lower corner, then upper
     corner, in world coordinates. Raises InputError for a box without an inside, or without a common cell with the map.
@@ -294,7 +297,7 @@ def window_of_box(axes: Sequence[Axis], frame: Frame, box: Sequence[float]) -> W
 
 
 def check_corners(box: Sequence[float]) -> None:
-    """Raise InputError unless the lower corner of a box, finite like the upper corner, lies below the upper corner.
+    """Raise InputError unless both corners of a box are finite, and the lower one is below the upper one on each axis.
 
     `box`: coordinates of the lower corner, then of the upper corner.
     """
@@ -304,12 +307,12 @@ def check_corners(box: Sequence[float]) -> None:
 
 
 def whole_window(axes: Sequence[Axis]) -> Window:
-    """Return the window of all cells of a map with the given axes."""
+    """Return the index ranges of all cells of a map with the given axes: (0, number of cells) for each axis."""
     return tuple((0, axis.cells) for axis in axes)
 
 
 def axes_of_window(axes: Sequence[Axis], window: Window) -> tuple[Axis, ...]:
-    """Return the axes of the cells in a window; `axes`: axes of the whole map."""
+    """Return the axes of a part of a map with the axes `axes`; `window`: index range (first, end) for each axis."""
     return tuple(part_of(axis, first, end, end - first) for axis, (first, end) in zip(axes, window, strict=True))
 
 
@@ -328,7 +331,7 @@ Arrays = tuple[NDArray[np.uint8], NDArray[np.bool_] | None, NDArray[np.float64] 
 """Cell codes, mask of unknown cells, and conductivities of a map, of equal shapes; the last two may be None."""
 
 _CELLS_PER_BAND = 1 << 22
-"""Number of cells of the file that are read and joined at once; limits the memory for them."""
+"""Number of cells of a map that are read at once before they are joined to coarse cells; limits the memory."""
 
 
 def _coarsened_in_bands(source: MapSource, step: int, window: Window, pads: Sequence[tuple[int, int]]) -> Arrays:

@@ -1,4 +1,4 @@
-"""Reader of ROS occupancy maps, ``map.yaml`` and its picture, in several dialects."""
+"""Reader of ROS occupancy maps (``map.yaml`` and its picture) in several dialects, whole or in parts."""
 
 from __future__ import annotations
 
@@ -65,8 +65,8 @@ class RosParts:
     """A ROS map of which parts can be read.
 
     `path`: the ``map.yaml``; `header`: its keys; `picture`: its picture, of which parts can be converted; `dialect`:
-    ROS map reader whose rules apply; `options`: further options of `read_ros`; `axes`: axes of the whole map; `frame`:
-    transformation from map coordinates to the world.
+    ROS map reader whose rules apply; `options`: values of ``unknown``, ``lethal`` and ``least_conductivity`` by name,
+    as for `read_ros`; `axes`: axes of the whole map; `frame`: transformation from map coordinates to the world.
     """
 
     path: Path
@@ -78,7 +78,7 @@ class RosParts:
     frame: Frame
 
     def known(self) -> Window | None:
-        """Return the smallest window with all cells of known occupancy; None if no cell is known."""
+        """Return the ranges (first, end) of x and y of the smallest box with all known cells; None without any."""
         height, width = self.picture.shape
         step = max(1, _PIXELS_PER_BLOCK // width)
         rows, columns = np.zeros(height, dtype=bool), np.zeros(width, dtype=bool)
@@ -92,7 +92,10 @@ class RosParts:
         return (left, right + 1), (height - 1 - bottom, height - top)
 
     def cells(self, window: Window) -> MapCells:
-        """Return the cells of a window; raise BudgetError if they would not fit in memory."""
+        """Return the cells of a part of the map; raise BudgetError if they would not fit in memory.
+
+        `window`: for x and y (upwards) the index of the first cell, and of the cell after the last one.
+        """
         (left, right), (low, high) = window
         pixel = BYTES_PER_PIXEL if self.options.get("least_conductivity") is None else COSTS_BYTES
         size = right - left, high - low
@@ -104,13 +107,18 @@ class RosParts:
     def occupancies(self, rows: slice, columns: slice) -> NDArray[np.int8]:
         """Return the occupancies (height, width) of a part of the picture, top row first, 0 to 100 or -1 for unknown.
 
-        `rows`, `columns`: part of the picture in pixels, row 0 at the top.
+        In mode ``raw`` of ROS 1, any signed byte is possible.  `rows`, `columns`: part of the picture in pixels, row 0
+        at the top.
         """
         return convert(self.picture.part(rows, columns), self.header, self.dialect)
 
 
 def open_ros(path: Path, dialect: Dialect = NEWEST, **options: Any) -> RosParts:
-    """Return a ROS map of which parts can be read; `path`: the ``map.yaml``; the options are those of `read_ros`."""
+    """Return a ROS map of which parts can be read.
+
+    `path`: the ``map.yaml``; `dialect`: ROS map reader whose rules apply; `options`: ``unknown``, ``lethal`` and
+    ``least_conductivity`` of `read_ros`.
+    """
     header = read_header(path, dialect)
     name = picture_of(path, header.image)
     picture = open_picture(name)
@@ -134,8 +142,9 @@ def _cells(
     """Return the cells of a ROS map.
 
     `occupancy` (height, width): in percent, -1 for unknown, bottom row first; `header`: keys of the ``map.yaml``;
-    `axes`: axes of the cells in map coordinates; `frame`: transformation from map coordinates to the world; `unknown`,
-    `lethal`, `least_conductivity`: options of `read_ros`.
+    `axes`: axes of the cells in map coordinates; `frame`: transformation from map coordinates to the world; `unknown`:
+    treatment of unknown cells, obstacle or free; `lethal`: smallest occupancy of an obstacle, None for the threshold in
+    `header`; `least_conductivity`: conductivity just below `lethal`, None for 1 everywhere.
     """
     occupied = _is_occupied(occupancy, header, lethal)
     unseen = occupancy == UNKNOWN
@@ -190,8 +199,9 @@ def from_occupancy_grid(file: str | os.PathLike[str], dialect: Dialect = NEWEST)
     Returns
     -------
     ndarray of int8, shape (height, width)
-        100 occupied, 0 free, -1 unknown; modes ``scale`` and ``raw`` also give values from 1 to 99.  Rows as in
-        ``nav_msgs/OccupancyGrid``: row 0 is the bottom row of the picture, so entry ``[j, i]`` is cell ``(i, j)``.
+        100 occupied, 0 free, -1 unknown; modes ``scale`` and ``raw`` also give values from 1 to 99, and
+        ``raw`` of ROS 1 any signed byte.  Rows as in ``nav_msgs/OccupancyGrid``: row 0 is the bottom row of the
+        picture, so entry ``[j, i]`` is cell ``(i, j)``.
 
     Raises
     ------
@@ -218,7 +228,11 @@ def from_occupancy_grid(file: str | os.PathLike[str], dialect: Dialect = NEWEST)
 
 
 def _warn_of_palette(picture: Path, raster: Raster, dialect: Dialect) -> None:
-    """Issue a warning if the grey values of a picture are indices of its palette, as in map_server of ROS 1."""
+    """Issue a warning if the dialect is "ros1" and the picture has a palette, whose indices then are grey values.
+
+    `picture`: name of the file, for the message; `raster`: the picture, or a part; `dialect`: ROS map reader whose
+    rules apply.
+    """
     if dialect == "ros1" and raster.numbers is not None:
         warnings.warn(
             f"{picture}: like map_server of ROS 1, this reader uses the indices of the palette as grey values; save "
@@ -230,8 +244,9 @@ def _warn_of_palette(picture: Path, raster: Raster, dialect: Dialect) -> None:
 def place_of_map(origin: Sequence[float], resolution: float, shape: tuple[int, ...]) -> tuple[tuple[Axis, ...], Frame]:
     """Return the axes of a ROS map in map coordinates, and the transformation from map coordinates to the world.
 
-    `origin`: x, y and yaw of the lower left corner in metres and radians; `resolution`: width of a cell in metres;
-    `shape`: (height, width) in cells.
+    Without a yaw, map coordinates are world coordinates; otherwise their origin is the lower left corner.  `origin`: x,
+    y and yaw of the lower left corner in metres and radians; `resolution`: width of a cell in metres; `shape`: (height,
+    width) in cells.
     """
     height, width = shape
     x, y, yaw = origin

@@ -60,7 +60,8 @@ def occupancies(raster: Raster, header: RosHeader, dialect: Dialect) -> NDArray[
     """Return the occupancies (height, width) of a picture by the rules of a dialect, top row first.
 
     An occupancy is a percentage from 0 (free) to 100 (occupied), or -1 (unknown); with mode ``raw`` of ROS 1, any
-    signed byte.  `raster`: the picture; `header`: keys of the ``map.yaml``.
+    signed byte.  `raster`: the picture; `header`: keys of the ``map.yaml``; `dialect`: ROS map reader whose rules
+    apply.
     """
     convert = CONVERTERS[dialect]
     if raster.values.shape[2] == 1:  # each grey value is converted once
@@ -74,12 +75,13 @@ def occupancies(raster: Raster, header: RosHeader, dialect: Dialect) -> NDArray[
 
 
 class PixelConverter(Protocol):
-    """Type of a function that converts a picture to occupancies (height, width), top row first, -1 (unknown) to 100."""
+    """Type of a function that converts a picture to occupancies by the rules of one ROS map reader."""
 
     def __call__(self, raster: Raster, header: RosHeader) -> NDArray[np.int8]:
         """Return the occupancies (height, width) of a picture, top row first, -1 (unknown) to 100.
 
-        `raster`: the picture; `header`: keys of the ``map.yaml``.
+        In mode ``raw`` of ROS 1, any signed byte is possible.  `raster`: the picture; `header`: keys of the
+        ``map.yaml``.
         """
 
 

@@ -43,8 +43,9 @@ class RosHeader(BaseModel):
 
     `image`: file name of the picture; `resolution`: width of a pixel, in metres; `origin`: pose of the lower-left
     corner of the lower-left pixel: x and y in metres, yaw in radians, anticlockwise; `negate`: whether light pixels are
-    occupied; `occupied_thresh`, `free_thresh`: thresholds of a pixel's darkness, 0 to 1; `mode`: conversion of grey
-    values.
+    occupied; `occupied_thresh`, `free_thresh`: darkness, 0 to 1, above which a pixel is occupied and below which it is
+    free; `mode`: ``trinary`` (pixels in between are unknown), ``scale`` (in between, the occupancy grows linearly) or
+    ``raw`` (grey values are occupancies).
     """
 
     model_config = ConfigDict(frozen=True, allow_inf_nan=False)
@@ -112,7 +113,8 @@ def picture_of(path: Path, image: str) -> Path:
 
     `path`: the ``map.yaml``; `image`: name of the picture in this file.  Maps from another computer contain paths of
     that computer (``/home/ann/room.pgm``, ``maps\room.pgm``).  If the named file does not exist, but the folder of the
-    map contains a file of this name, a warning is issued and the path of this file is returned.
+    map contains a file of this name, a warning is issued and the path of this file is returned.  Otherwise the result
+    is the path of the named file, which may not exist.
     """
     named = path.parent / image
     if os.path.isfile(named):  # noqa: PTH113  Path.is_file raises for invalid file names

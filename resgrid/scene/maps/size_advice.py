@@ -1,4 +1,4 @@
-"""Errors for maps with too many cells: options that crop, coarsen or divide a map, and the resulting sizes."""
+"""Advice in errors for maps with too many cells: options that make the map smaller, and the resulting sizes."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ def smaller_map(shape: Sequence[int], ratio: float, known: Sequence[tuple[int, i
     """Return text that names the options which make a map fit in memory, with the numbers of cells that remain.
 
     `shape`: number of cells along every axis of the map; `ratio`: needed divided by available memory; `known`: window
-    of the cells of known occupancy, None for a map without unknown cells.
+    of the cells of known occupancy, for each axis the first index and the index after the last one; None for a map
+    without unknown cells.
     """
     box = {2: "X0,Y0,X1,Y1", 3: "X0,Y0,Z0,X1,Y1,Z1"}.get(len(shape))
     parts = [] if box is None else [f"--crop {box} keeps the part that you need"]
@@ -26,9 +27,10 @@ def smaller_map(shape: Sequence[int], ratio: float, known: Sequence[tuple[int, i
 
 
 def require_divided_memory(shape: Sequence[int], refine: int) -> None:
-    """Raise BudgetError if the cells of a divided map do not fit in memory, with a division that can also be solved.
+    """Raise BudgetError if the cells of a divided map do not fit in memory.
 
-    `shape`: number of cells along every axis before the division; `refine`: number of parts of each cell along an axis.
+    The message names a value of ``refine`` with which the solution of the circuit fits as well.  `shape`: number of
+    cells along every axis before the division; `refine`: number of parts of each cell along an axis.
     """
     divided = tuple(cells * refine for cells in shape)
     require_grid_memory(divided, "map", remedy=lambda ratio: coarser_division(divided, _SOLUTION * ratio, refine))
@@ -49,7 +51,8 @@ def coarser_division(shape: Sequence[int], ratio: float, refine: int) -> str:
 def _joined(shape: Sequence[int], ratio: float) -> str:
     """Return text with the option ``coarsen`` that divides the number of cells by at least `ratio`, and the new size.
 
-    `shape`: number of cells along every axis; the new size is the number of coarse cells along every axis.
+    `shape`: number of cells along every axis; `ratio`: needed divided by available memory; if it is at most 1, the text
+    contains no option.  The new size is the number of coarse cells along every axis.
     """
     step = ceil(max(ratio, 1.0) ** (1 / len(shape)))
     while prod(ceil(cells / step) for cells in shape) * ratio > prod(shape):

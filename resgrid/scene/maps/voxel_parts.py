@@ -34,9 +34,9 @@ _BYTES_PER_POINT = 120
 """Estimated memory for finding the voxels of a point cloud, in bytes per point."""
 
 _LARGE = 64
-"""Volume in voxels from which a cube is written to the array of cells alone.
+"""Smallest volume, in voxels, of a cube that is written to the array of cells on its own.
 
-Smaller cubes of equal size are written at once.
+All smaller cubes of equal size are written together.
 """
 
 _SUGGESTED = 100
@@ -47,9 +47,9 @@ _SUGGESTED = 100
 class VoxelParts:
     """A map in space of which parts can be read.
 
-    `path`: the file; `axes`: axes of the whole map; `occupied` (n, 4): cubes of obstacles as first voxel and width, in
-    voxels from the map's lower corner; `free` (m, 4): cubes of free space, None for a format in which all voxels that
-    are not occupied are free; `unknown`: whether voxels in neither list are "obstacle" or "free"; `frame`:
+    `path`: the file; `axes`: axes of the whole map; `occupied` (n, 4): cubes of obstacles as first voxel (x, y, z) and
+    width, in voxels from the map's lower corner; `free` (m, 4): cubes of free space, None for a format in which all
+    voxels that are not occupied are free; `unknown`: whether voxels in neither list are "obstacle" or "free"; `frame`:
     transformation from map coordinates to the world.
     """
 
@@ -61,17 +61,20 @@ class VoxelParts:
     frame: Frame = field(default_factory=Frame)
 
     def known(self) -> Window:
-        """Return the smallest window that contains all known voxels.
+        """Return the ranges (first, end), one per axis, of the smallest box with all known voxels: ``crop = "known"``.
 
-        The axes of a map with unknown voxels end at its outermost known voxels, so this window is the whole map. Raises
-        InputError for a format without unknown voxels, in which the word "known" selects nothing.
+        The axes of a map with unknown voxels end at its outermost known voxels, so this box is the whole map.  Raises
+        InputError for a format without unknown voxels, for which this option of a map has no meaning.
         """
         if self.free is None:
             raise no_unknown_cells(3)
         return whole_window(self.axes)
 
     def cells(self, window: Window) -> MapCells:
-        """Return the cells of a window; raise BudgetError if they would not fit in memory."""
+        """Return the cells of a part of the map; raise BudgetError if they would not fit in memory.
+
+        `window`: for x, y and z the index of the first cell, and of the cell after the last one.
+        """
         size = tuple(end - first for first, end in window)
         known = None if self.free is None else whole_window(self.axes)
         require_grid_memory(size, str(self.path), _BYTES_PER_VOXEL, lambda ratio: smaller_map(size, ratio, known))
@@ -113,7 +116,8 @@ def read_octomap_cells(
     unknown
         Treatment of cells of unknown occupancy: obstacle or free.
     occupied
-        Probability from which a voxel is occupied, for ``.ot`` files; ``.bt`` files contain no probabilities.
+        Smallest probability of occupancy at which a voxel is occupied, for ``.ot`` files; ``.bt`` files contain no
+        probabilities.
     """
     source = open_octomap(path, unknown, occupied)
     return source.cells(whole_window(source.axes))
@@ -122,8 +126,8 @@ def read_octomap_cells(
 def open_octomap(path: Path, unknown: str = "obstacle", occupied: float = 0.5) -> VoxelParts:
     """Return an OctoMap of which parts can be read.
 
-    `unknown`: whether unknown voxels are "obstacle" or "free"; `occupied`: probability from which a voxel of an ``.ot``
-    file is occupied.
+    `unknown`: whether unknown voxels are "obstacle" or "free"; `occupied`: smallest probability of occupancy at which a
+    voxel of an ``.ot`` file is occupied.
     """
     tree = read_octree(path, occupied)
     first, last = tree.bounds
@@ -212,8 +216,8 @@ def _cubic_axes(first: NDArray[np.integer], last: NDArray[np.integer], width: fl
 def _fill(out: NDArray[Any], cubes: NDArray[np.int32], begin: Sequence[int], value: int) -> None:
     """Set the cells in cubes to `value`, in place.
 
-    `out`: cells of a window; `begin`: first voxel of this window in the map; `cubes` (n, 4): first voxel and width, in
-    voxels of the map.
+    `out`: cells of a window, changed in place; `begin`: first voxel of this window in the map, along x, y and z;
+    `cubes` (n, 4): first voxel (x, y, z) in the map and width, in voxels; parts outside the window are ignored.
     """
     low = cubes[:, :3] - np.array(begin, dtype=np.int32)
     high = np.minimum(low + cubes[:, 3:], np.array(out.shape, dtype=np.int32))

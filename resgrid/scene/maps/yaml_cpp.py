@@ -68,7 +68,8 @@ class _Loader(yaml.SafeLoader):
 def read_mapping(path: Path, keys: Iterable[str]) -> dict[str, Value]:
     """Return the values of `keys` in the first document of a YAML file by key; other keys are ignored.
 
-    Values are texts, None for null, or lists of these.
+    A value is a text, None for null, a list, or an empty dictionary for a mapping.  Entries of a list are texts, None,
+    or empty dictionaries for lists and mappings.
 
     Raises
     ------

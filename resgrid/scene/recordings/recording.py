@@ -37,9 +37,9 @@ _GOAL_TOPICS = ("goal_pose", "goal", "move_base_simple/goal")
 class Poses:
     """Poses of the robot in a recording, from transforms or from a topic of poses.
 
-    `buffer`: transforms, None if a topic of poses is used; `base_frame`: frame of the robot in the transforms, then
-    empty; `stamped`: for a topic of poses, sorted time stamps in nanoseconds and the poses at these times, by
-    coordinate frame; `ignored`: text about unusable transforms, None if there are none.
+    `buffer`: transforms, None if a topic of poses is used; `base_frame`: frame of the robot in the transforms, empty
+    without `buffer`; `stamped`: for a topic of poses, sorted time stamps in nanoseconds and the poses at these times,
+    by coordinate frame; `ignored`: text about unusable transforms, None if there are none.
     """
 
     buffer: TransformBuffer | None = None
@@ -48,7 +48,7 @@ class Poses:
     ignored: str | None = None
 
     def at(self, frame: str, stamp: int) -> tuple[Pose | None, str | None]:
-        """Return the pose of the robot, and a text about deviations such as a pose from another time, or None.
+        """Return the pose of the robot at a time, and a text about deviations (a pose from another time) or None.
 
         `frame`: coordinate frame of the pose; `stamp`: time in nanoseconds. Without a pose in this frame the first
         result is None, and the text gives the reason.
@@ -142,8 +142,7 @@ class Recording:
     def _placed(self, snapshot: MapSnapshot, goal: Pose | None, goal_frame: str, extra: str | None) -> MapSnapshot:
         """Return a snapshot with the robot's pose at the snapshot's time, and the goal if it is in the map's frame.
 
-        `goal_frame`: coordinate frame of the goal; `extra`: text to add to the `note` of the snapshot, None without
-        one.
+        `goal_frame`: coordinate frame of the goal; `extra`: text to add to the snapshot's `note`, or None.
         """
         notes, start = [snapshot.note], None
         if goal is not None and snapshot.has_map and goal_frame != snapshot.frame_id:
@@ -227,8 +226,7 @@ def read_bag(
     Raises
     ------
     InputError
-        If the recording is damaged or contains no map, or if a topic or frame is missing or ambiguous; the message
-        lists the candidates.
+        If the recording is damaged or has no map, or a topic or frame is missing or ambiguous (with the candidates).
     ToolMissingError
         If the package rosbags is not installed.
 
@@ -268,7 +266,7 @@ def _topic(bag: Bag, name: str | None, kinds: Sequence[str], noun: str, option: 
     """Return the topic that a user has named, or the only one of some types; raise InputError without such a topic.
 
     `name`: name, with or without leading slash, None for the only topic; `kinds`: message types; `noun`: contents of
-    the topic, for messages; `option`: name of the option; `ends`: last parts of names that an unnamed topic must have.
+    the topic and `option`: name of the option, for messages; `ends`: possible ends of the name of the only topic.
     """
     known = _names(bag, kinds)
     short = " or ".join(map(short_type, kinds))
@@ -301,7 +299,7 @@ def _topic(bag: Bag, name: str | None, kinds: Sequence[str], noun: str, option: 
 
 
 def _updates(bag: Bag, maps: str, name: str | None) -> str | None:
-    """Return the topic `name` of the updates; by default that of the maps with ``_updates``, None if there is none."""
+    """Return the topic `name` of updates; by default topic `maps` plus ``_updates``, None if this one is missing."""
     default = f"{maps}_updates"
     if name is None and (default not in bag.topics or bag.topics[default].kind != UPDATE):
         return None
@@ -311,7 +309,11 @@ def _updates(bag: Bag, maps: str, name: str | None) -> str | None:
 def _poses(
     bag: Bag, maps: str, pose_topic: str | None, tf_topic: str | None, base_frame: str | None
 ) -> tuple[Poses, str]:
-    """Return the poses of the robot and their source as text; the parameters after `maps` are those of `read_bag`."""
+    """Return the poses of the robot, and their source as text; raise InputError if there are none.
+
+    `maps`: topic of the maps; `pose_topic`, `tf_topic`: topics of poses and of transforms, `base_frame`: frame of the
+    robot in the transforms; for None, transforms come first, then the only topic of poses with covariance.
+    """
     if pose_topic is not None:
         if tf_topic is not None or base_frame is not None:
             raise InputError("pose_topic replaces the transforms; leave out tf_topic and base_frame")
@@ -359,8 +361,7 @@ def _stamped(bag: Bag, topic: str) -> tuple[Poses, str]:
 def _tf_topics(bag: Bag, maps: str, name: str | None) -> list[str]:
     """Return the topics of moving and static transforms; empty if the recording has none.
 
-    `maps`: topic of the maps, in whose namespace, and then in the namespaces around it, ``tf`` is searched; `name`:
-    topic that the user has named, None otherwise.
+    `maps`: topic of the maps; ``tf`` is searched in its namespace, then in outer ones; `name`: given topic, or None.
     """
     known = _names(bag, TRANSFORMS)
     if name is not None:
@@ -382,7 +383,7 @@ def _tf_topics(bag: Bag, maps: str, name: str | None) -> list[str]:
 
 
 def _base_frame(bag: Bag, buffer: TransformBuffer, name: str | None) -> str:
-    """Return the frame `name` of the robot, or for None one of `BASE_FRAMES`; raise InputError if it does not exist."""
+    """Return the robot's frame `name`, by default base_link or base_footprint; raise InputError if it is missing."""
     frames = buffer.frames
     if name is not None:
         if frame_name(name) in frames:

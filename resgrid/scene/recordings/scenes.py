@@ -1,4 +1,4 @@
-"""Cells of the map of a snapshot of a recording, cropped and coarsened as a ``[map]`` table demands."""
+"""Cells of the map of a snapshot of a recording, prepared as a ``[map]`` table demands, and checks of this table."""
 
 from __future__ import annotations
 
@@ -49,7 +49,8 @@ def cells_of_snapshot(snapshot: MapSnapshot, table: Mapping[str, Any], extent: f
     """Return the cells of a snapshot after cropping and after joining or dividing cells, as a ``[map]`` table demands.
 
     `table`: values of the ``[map]`` table by key; `extent`: largest distance from the robot's reference point to a
-    point of the robot, in metres. Raises UnusableMapError if the map cannot be cropped as the table demands.
+    point of the robot, in metres, for the obstacles around a cropped map.  Raises UnusableMapError if the cells cannot
+    be cropped, joined or divided as the table demands.
     """
     axes, frame = place_of_map(snapshot.origin, snapshot.resolution, snapshot.occupancy.shape)
     lethal, least = table.get("lethal"), table.get("least_conductivity")

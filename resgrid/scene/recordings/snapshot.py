@@ -161,7 +161,7 @@ class MapSnapshot:
         Returns
         -------
         MapSnapshot
-            The changed map; the same map, with a `note`, for an ignored update.
+            The changed map, with the goal of this snapshot; the same map, with a `note`, for an ignored update.
 
         Examples
         --------
@@ -197,7 +197,7 @@ class MapSnapshot:
         Returns
         -------
         MapSnapshot
-            The snapshot, with None in place of a missing message.
+            The snapshot with these poses; a pose whose message is missing is None.
 
         Raises
         ------
@@ -234,7 +234,7 @@ class MapSnapshot:
 
 
 def _is_clean(values: NDArray[Any]) -> bool:
-    """Return whether an array needs no copy and check: it is read-only int8 with occupancies from -1 to 100."""
+    """Return whether an array can be used without a copy: read-only int8, owner of its data, values from -1 to 100."""
     if values.dtype != np.int8 or values.flags.writeable or not values.flags.owndata:
         return False
     return not values.size or (int(values.min()) >= -1 and int(values.max()) <= 100)

@@ -82,7 +82,7 @@ def require_rosbags() -> None:
 
 @cache
 def type_store(ros: Literal[1, 2]) -> Typestore:
-    """Return the message types of ROS 1 or ROS 2 from rosbags, extended by `_DEFINITIONS`."""
+    """Return the message types of ROS 1 or 2 (`ros`) from rosbags, extended by map updates and transforms."""
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     store = get_typestore(Stores.ROS1_NOETIC if ros == 1 else Stores.ROS2_HUMBLE)
@@ -93,7 +93,7 @@ def type_store(ros: Literal[1, 2]) -> Typestore:
 
 
 def storage_of(path: Path) -> Storage:
-    """Return the kind of a recording; raise InputError for a file or folder that is no recording."""
+    """Return the kind of a recording by its suffix (of a folder by ``metadata.yaml``); raise InputError for others."""
     if not path.exists():
         raise InputError(f"{path}: there is no such recording; check the name and the folder")
     if path.is_dir():

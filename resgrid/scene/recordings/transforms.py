@@ -1,4 +1,4 @@
-"""Transforms between coordinate frames over time, with the rules of tf2.
+"""Transforms between coordinate frames over time, with the rules of tf2, and their reading from a recording.
 
 Rules: between two samples, translations are interpolated linearly and rotations on the shortest arc (slerp); there is
 no extrapolation; static transforms hold at any time; of several samples with one time stamp, the first one counts; if
@@ -21,7 +21,7 @@ Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 
 _LONG_GAP = 10 * 10**9
-"""Time between two samples of a transform, in nanoseconds, beyond which a note reports that a pose is interpolated.
+"""Longest time between two samples of a transform, in nanoseconds, without a note that a pose is interpolated.
 
 The buffer of tf2 covers 10 s by default.
 """
@@ -105,9 +105,9 @@ def _slerp(one: Quaternion, two: Quaternion, fraction: float) -> Quaternion:
 class Track:
     """Samples of the pose of one frame in its parent frame.
 
-    `is_static`: whether the samples come from static transforms; `stamps`: times in nanoseconds, in the order of
-    arrival; `values`: seven numbers per sample, translation in metres and quaternion (x, y, z, w); `parents`: parent
-    frame of each sample.
+    `is_static`: whether the samples come from static transforms, each of which holds until the next one and the first
+    one also before; `stamps`: times in nanoseconds, in the order of arrival; `values`: seven numbers per sample,
+    translation in metres and quaternion (x, y, z, w); `parents`: parent frame of each sample.
     """
 
     is_static: bool
@@ -120,7 +120,7 @@ class Track:
         """Append a sample.
 
         `stamp`: time stamp in nanoseconds, of a static transform the time of arrival; `parent`: name of the parent
-        frame.
+        frame; `transform`: pose of the child frame in the parent frame.
         """
         self.stamps.append(stamp)
         self.values.extend((*transform.shift, *transform.turn))
@@ -173,7 +173,7 @@ class Track:
 
 
 class TransformBuffer:
-    """All usable transforms of a recording; `tracks`: samples by name of the child frame."""
+    """All usable transforms of a recording; `tracks`: samples of the pose of each child frame, by its name."""
 
     def __init__(self) -> None:
         self.tracks: dict[str, Track] = {}
@@ -257,12 +257,12 @@ class TransformBuffer:
     def _ancestors(
         self, frame: str, stamp: int, nearest: bool, until: set[str]
     ) -> dict[str, tuple[Transform, int, list[tuple[int, int]]]]:
-        """Return data of a frame and its ancestors (parent, parent of the parent, and so on), by name of the frame.
+        """Return data of the frame `frame` and its ancestors (parent, parent of the parent, and so on), by their names.
 
         The data are the pose of the first frame in the ancestor, the longest time between interpolated samples, and the
         first and last time stamps of the samples, in nanoseconds. `stamp`: time; `nearest`: whether the first or last
-        sample replaces times outside the samples; `until`: frames at which the search ends. It also ends at the root,
-        and where the samples do not cover the time.
+        sample replaces times outside the samples; `until`: frames at which the search ends. The search also ends at the
+        root, at a cycle, and where the samples do not cover the time.
         """
         pose, gap, spans = Transform(), 0, list[tuple[int, int]]()
         found = {frame: (pose, gap, spans)}
@@ -283,7 +283,7 @@ class TransformBuffer:
 def _why_unusable(parent: str, child: str, shift: Vector, norm: float) -> str | None:
     """Return the reason for which tf2 ignores a transform, None for a usable one.
 
-    `shift`: translation in metres; `norm`: length of its quaternion.
+    `parent`, `child`: names of the frames; `shift`: translation in metres; `norm`: length of the quaternion.
     """
     if not parent or not child:
         return "without the name of a frame"

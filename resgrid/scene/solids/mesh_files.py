@@ -84,7 +84,8 @@ def read_mesh(
 def _oriented(mesh: Mesh, path: Path) -> Mesh:
     """Return a mesh with equally oriented triangles if each edge has two triangles; otherwise the mesh itself.
 
-    `path`: name of the file, for messages.
+    A closed mesh, whose triangles are equally oriented already, is also returned unchanged.  `path`: name of the file,
+    for messages.
     """
     edges = np.sort(np.concatenate([mesh.triangles, np.roll(mesh.triangles, -1, axis=1)]).reshape(2, -1).T, axis=1)
     _, count = np.unique(edges, axis=0, return_counts=True)

@@ -32,12 +32,13 @@ def read_octomap(
     file : path-like
         The file.
     unknown : {"free", "obstacle"}
-        Whether voxels that the map does not contain are obstacles.  Space outside the clip box is free.
+        Treatment of voxels that the map does not contain: free or obstacle.  Space outside the clip box is free.
     occupied : float
-        Probability from which a voxel is occupied, for ``.ot`` files; ``.bt`` files contain no probabilities.
+        Smallest probability of occupancy at which a voxel is occupied, for ``.ot`` files; ``.bt`` files contain no
+        probabilities.
     lower, upper : tuple of (float, float, float), optional
-        Corners of the clip box, in metres; voxels whose interior meets the box are kept whole.  By default, the
-        bounding box of all voxels that the map contains.
+        Corners of the clip box, in metres; voxels whose interior meets the box are kept whole.  By default, those of
+        the bounding box of all voxels that the map contains.
 
     Returns
     -------
@@ -77,8 +78,8 @@ def _clip_range(
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the first voxel of the clip box and the voxel after its last, each (3,).
 
-    Voxels are counted from the lower corner of the octree's root cube. `lower`, `upper`: corners (x, y, z) of the box
-    in metres, None for those of the known leaves; `path`: name of the file, for messages.
+    Voxels are counted from the lower corner of the octree's root cube.  `lower`, `upper`: corners (x, y, z) of the box
+    in metres, None for a corner of the bounding box of the known leaves; `path`: name of the file, for messages.
     """
     if lower is not None and upper is not None and not all(a < b for a, b in zip(lower, upper, strict=True)):
         raise InputError(f"{path}: the clip box needs lower < upper in every coordinate, got {lower} and {upper}")

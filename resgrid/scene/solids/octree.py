@@ -86,7 +86,7 @@ class Octree:
 def read_octree(path: Path, occupied: float) -> Octree:
     """Return the leaves of an OctoMap; raise InputError for a file that is missing, damaged, or without leaves.
 
-    `occupied`: probability from which a leaf of an ``.ot`` file is occupied.
+    `occupied`: smallest probability of occupancy at which a leaf of an ``.ot`` file is occupied.
     """
     data = read_bytes(path)
     is_binary = data.startswith(BINARY)
@@ -136,7 +136,7 @@ def _binary_leaves(body: bytes, size: int, resolution: float, path: Path) -> Oct
     """Return the leaves of a ``.bt`` file: two bits for every child of every inner node, in depth-first order.
 
     `body`: bytes after the header; `size`: number of nodes according to the header; `resolution`: width of a voxel in
-    metres.
+    metres; `path`: name of the file, for messages.
     """
     words = np.frombuffer(body[: len(body) // 2 * 2], "<u2")
     stream = words.tolist()
@@ -155,8 +155,8 @@ def _full_leaves(body: bytes, dtype: np.dtype[np.void], size: int, scale: tuple[
     """Return the leaves of an ``.ot`` file, which holds all nodes in depth-first order.
 
     `body`: bytes after the header; `dtype`: type of a node, with its value and a bit for each existing child; `size`:
-    number of nodes according to the header; `scale`: natural logarithm of the odds from which a leaf is occupied, and
-    width of a voxel in metres.
+    number of nodes according to the header; `scale`: smallest natural logarithm of the odds of an occupied leaf, and
+    width of a voxel in metres; `path`: name of the file, for messages.
     """
     threshold, resolution = scale
     if size < 0 or len(body) < size * dtype.itemsize:
@@ -180,8 +180,8 @@ def _cubes_of_nodes(codes: list[int], children: dict[int, list[int]], least: int
     """Return the cubes (n, 4) of the nodes of a tree in depth-first order: lower corner and width in voxels.
 
     `codes`: code of every node in this order; codes after the last node are ignored; `children`: for each code, indices
-    (0 to 7) of the children of a node with this code, in descending order; `least`: smallest width of a node; `path`:
-    name of the file, for messages.
+    (0 to 7) of the children of a node with this code, in descending order; `least`: smallest allowed width of a node,
+    in voxels; `path`: name of the file, for messages.  Raises InputError if the nodes do not form a tree.
     """
     cubes: list[tuple[int, int, int, int]] = []
     stack = [(0, 0, 0, 2 * MIDDLE)]

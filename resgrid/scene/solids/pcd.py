@@ -53,7 +53,7 @@ def read_pcd(path: Path) -> NDArray[np.float64]:
 
 
 def _header(data: bytes, path: Path) -> PCDHeader:
-    """Return the header of the content of a PCD file."""
+    """Return the header of a PCD file; `data`: content of the file; `path`: name of the file, for messages."""
     entries: dict[str, list[str]] = {}
     start = 0
     while "DATA" not in entries:
@@ -95,7 +95,7 @@ def _header(data: bytes, path: Path) -> PCDHeader:
 
 
 def _ascii_points(body: bytes, header: PCDHeader, path: Path) -> NDArray[np.float64]:
-    """Return the points (n, 3) of the text after the header."""
+    """Return the points (n, 3) of an ascii file; `body`: text after the header; `path`: for messages."""
     columns = sum(int(np.prod(header.dtype[name].shape)) for name in header.dtype.names or ())
     words = body.split()
     if len(words) != header.points * columns:
@@ -109,7 +109,7 @@ def _ascii_points(body: bytes, header: PCDHeader, path: Path) -> NDArray[np.floa
 
 
 def _records(body: memoryview, header: PCDHeader, path: Path) -> NDArray[np.void]:
-    """Return the structured records (n,) of a binary file."""
+    """Return the structured records (n,) of a binary file; `body`: bytes after the header; `path`: for messages."""
     needed = header.points * header.dtype.itemsize
     if len(body) < needed:
         raise _cut_short(path, f"{needed} bytes", f"{len(body)} bytes")
@@ -117,7 +117,10 @@ def _records(body: memoryview, header: PCDHeader, path: Path) -> NDArray[np.void
 
 
 def _planes(data: bytes, header: PCDHeader) -> dict[str, NDArray[np.void]]:
-    """Return the fields of the points by name from decompressed data, in which each field's values are consecutive."""
+    """Return the values of each field, one per point, by name of the field.
+
+    `data`: decompressed data, in which the values of a field are consecutive.
+    """
     fields, start = {}, 0
     for name in header.dtype.names or ():
         kind, size = header.dtype[name], header.dtype[name].itemsize * header.points
@@ -127,7 +130,11 @@ def _planes(data: bytes, header: PCDHeader) -> dict[str, NDArray[np.void]]:
 
 
 def _decompressed(body: memoryview, header: PCDHeader, path: Path) -> bytes:
-    """Return the decompressed data of a binary_compressed file, which begins with its two lengths in bytes."""
+    """Return the decompressed data of a binary_compressed file.
+
+    `body`: bytes after the header: compressed and decompressed length, each a uint32, then the data; `path`: for
+    messages.
+    """
     needed = header.points * header.dtype.itemsize
     if len(body) < 8:
         raise _cut_short(path, "8 bytes with the lengths of the data", f"{len(body)} bytes")
@@ -148,7 +155,7 @@ def _decompressed(body: memoryview, header: PCDHeader, path: Path) -> bytes:
 def decompress_lzf(data: bytes, size: int) -> bytes:
     """Return data decompressed by the algorithm of LibLZF (M. Lehmann); raise IndexError for damaged data.
 
-    `size`: length of the decompressed data in bytes; decompression stops beyond it.
+    `size`: length of the decompressed data in bytes; decompression stops once the result is longer.
     A control byte below 32 precedes that many literal bytes plus one.  Other control bytes hold the length minus 2 of a
     repetition in the upper three bits (7: the next byte is added), and the upper five bits of its distance minus 1.
     """

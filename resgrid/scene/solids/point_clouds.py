@@ -88,8 +88,8 @@ def cloud_cells(path: Path, resolution: float, pose: NDArray[np.float64], bytes_
     """Return the voxel that contains each point of a cloud, as three indices counted from the origin, shape (n, 3).
 
     `path`: PLY or PCD file, recognised by its first bytes; `resolution`: width of a voxel; `pose` (4, 4):
-    transformation from coordinates of the file to those of the voxels; `bytes_per_point`: memory per point that is
-    checked beforehand.
+    transformation from coordinates of the file to those of the voxels; `bytes_per_point`: memory per point of the
+    cloud, for the check against the available memory.
     """
     first = read_bytes(path, first=7)
     if path.suffix.lower() == ".ply" and not first.startswith((b"ply", *_PCD_STARTS)):
@@ -108,7 +108,7 @@ def cloud_cells(path: Path, resolution: float, pose: NDArray[np.float64], bytes_
 
 
 def _ply_points(path: Path) -> NDArray[np.float64]:
-    """Return the vertices (n, 3) of a PLY file."""
+    """Return the vertices (n, 3) of a PLY file, in units of the file; a warning is issued if the file has faces."""
     data = read_bytes(path)
     check_ply(data, str(path))
     faces = count_faces(data)
