@@ -58,7 +58,7 @@ class Viewer:
             import viser
         except ImportError as error:
             raise ToolMissingError(f"the 3-D view needs viser; type: {install_command('viewer')} ({error})") from None
-        from resgrid.viewer.panel import Panel
+        from resgrid.viewer.panel import ControlPanel
 
         task = _task(shown, space)
         with _silent():
@@ -68,7 +68,7 @@ class Viewer:
         self._ended = threading.Event()
         self._set_camera(task)
         try:
-            self.panel = Panel(self._server, task)
+            self.panel = ControlPanel(self._server, task)
         except BaseException:
             self._stop()
             raise

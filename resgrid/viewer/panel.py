@@ -33,7 +33,7 @@ Model = ArmModel | BallModel
 """A robot in the view that can be moved: an arm or a ball."""
 
 
-class Panel:
+class ControlPanel:
     """The controls of a 3-D view, and the threads that plan after changes and play the motion.
 
     `server`: server of viser; `task`: solved space with start and goal, which no other object may change; `motion`:
