@@ -19,7 +19,7 @@ Label = Hashable
 """Name or number of a net in the circuit that is compared with a record."""
 
 SHOWN = 6
-"""Maximum number of pads or nets that a message lists."""
+"""Maximum number of pads or nets that a message lists; also the maximum number of nets with wrong voltages."""
 
 MAX_VALUE_ERROR = 1e-9
 """Largest relative difference of resistances that count as equal.
@@ -83,8 +83,9 @@ def _groups(
 ) -> dict[str, dict[Label, list[Pad]]]:  # fmt: skip
     """Return the pads of every expected net, grouped by their net in another circuit.
 
-    `expected`: expected net of every pad; `found`: net of every pad in the other circuit. Pads without a net are left
-    out.
+    The result has the expected net as key, and as value the pads of that net by the label of their net in the other
+    circuit. `expected`: expected net of every pad; `found`: net of every pad in the other circuit. Pads without a net
+    in the other circuit are left out.
     """
     groups: defaultdict[str, dict[Label, list[Pad]]] = defaultdict(dict)
     for pad, net in expected.items():
@@ -112,8 +113,8 @@ def _turned_parts(
 def _differences(net: str, groups: Mapping[Label, Sequence[Pad]], owner: Mapping[Label, str]) -> Iterator[str]:
     """Yield a message for every difference of one net of a record.
 
-    `net`: name of the net; `groups`: its pads, grouped by their net in the other circuit; `owner`: net of the record
-    that corresponds to each net of the other circuit.
+    `net`: name of the net in the record; `groups`: pads of this net, grouped by their net in the other circuit;
+    `owner`: net of the record that corresponds to each net of the other circuit.
     """
     strangers = {label: pads for label, pads in groups.items() if owner.get(label, net) != net}
     own = [pads for label, pads in groups.items() if label not in strangers]
@@ -145,7 +146,7 @@ def _absent(record: HardwareRecord, found: Mapping[Pad, Label | None]) -> Iterat
 
 
 def _between(part: Part) -> str:
-    """Return text about the nets of a part, such as "between n_1_2 and n_2_2"; empty for more than two nets."""
+    """Return text about the nets of a part, such as " between n_1_2 and n_2_2"; empty for more than two nets."""
     nets = list(dict.fromkeys(part.nets))
     return f" on {nets[0]}" if len(nets) == 1 else f" between {nets[0]} and {nets[1]}" if len(nets) == 2 else ""
 
@@ -161,8 +162,8 @@ def _unknown(expected: Mapping[Pad, str], found: Iterable[Pad]) -> Iterator[str]
 def compare_values(record: HardwareRecord, found: Mapping[str, float | None]) -> list[str]:
     """Return a message for every resistor whose resistance differs from the record by more than `MAX_VALUE_ERROR`.
 
-    `found`: resistance in ohms by reference, None for text that is not a number, which gives a message. Resistors
-    without an entry give no message.
+    The limit is relative to the resistance in the record. `found`: resistance in ohms by reference; None stands for a
+    text that is not a number, and gives a message. Resistors without an entry give no message.
     """
     messages = []
     for part in record.parts:
@@ -197,8 +198,8 @@ def compare_voltages(
     """Return the comparison of a record's voltages with those of another circuit.
 
     `found`: voltage by net of the record, in volts; nets without an entry give a finding; `tolerance`: largest accepted
-    absolute difference relative to the supply (`supply_of`); `tool`: name of the tool that computed `found`, for
-    messages.
+    absolute difference as a fraction of the supply, which is the largest voltage difference between nets of the record;
+    `tool`: name of the tool that computed `found`, for messages.
     """
     supply = supply_of(record)
     error = {net: abs(found[net] - volts) for net, volts in record.voltages.items() if net in found}
