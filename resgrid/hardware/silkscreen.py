@@ -87,7 +87,7 @@ def _fitted(text: str, x: float, y: float, width: float, size: float) -> Text:
 
 
 def _numbers(placement: Placement) -> Iterator[Text]:
-    """Yield the numbers of columns and rows, which are printed on all four sides of the grid."""
+    """Yield the numbers of columns, above and below the grid, and of rows, to its left and right."""
     x0, y0, x1, y1 = placement.ring
     columns, rows = placement.shape
     for i in range(columns):
@@ -101,9 +101,10 @@ def _numbers(placement: Placement) -> Iterator[Text]:
 
 
 def _cell_labels(placement: Placement, starts: set[Index]) -> Iterator[Text]:
-    """Yield the labels of test pads, goals and starts; on a board with jumpers also "O" and "G" at their outer pads.
+    """Yield the labels of cells: column and row, and the words GOAL and START on a board of kind "fixed".
 
-    `starts`: cells (column, row) of the scene's starts.
+    A board with jumpers has "O" (obstacle) and "G" (goal) at the outer pads of the solder jumpers instead of these
+    words. `starts`: cells (column, row) of the scene's starts.
     """
     circuit = placement.circuit
     regions = circuit.space.goal_region
@@ -124,7 +125,10 @@ def _cell_labels(placement: Placement, starts: set[Index]) -> Iterator[Text]:
 
 
 def _terminal_labels(placement: Placement) -> Iterator[Text]:
-    """Yield the labels of the pins of supply, reference header, goal links and converter headers."""
+    """Yield the labels of the pins of supply, reference header, goal links and converter headers.
+
+    A goal link is a two-pin header that ties a goal region to ground.
+    """
     wiring = placement.circuit.wiring
     high = f"{wiring.supply:+g}V"
     for placed in placement.headers:
@@ -148,7 +152,8 @@ def _terminal_labels(placement: Placement) -> Iterator[Text]:
 def _front_legend(placement: Placement, lines: Iterable[str]) -> Iterator[Text]:
     """Yield the legend between the reference header and the goal links; nothing if it would have more than five lines.
 
-    `lines`: lines of the legend, which are divided at spaces to fit.
+    Goal links are two-pin headers that tie goal regions to ground. `lines`: lines of the legend, which are divided at
+    spaces to fit between them.
     """
     left, _, right, bottom = placement.ring
     links = [placed.x for placed in placement.headers if placed.value.startswith("LINK")]
@@ -160,10 +165,10 @@ def _front_legend(placement: Placement, lines: Iterable[str]) -> Iterator[Text]:
 
 
 def _back(placement: Placement, legend: Legend) -> Iterator[Text]:
-    """Yield the printed texts of the back: title, three lines of the legend, and the expected voltage below each pad.
+    """Yield the printed texts of the back: title, at most three lines of the legend, and expected voltages below pads.
 
-    A board of kind "jumpers" has no expected voltages, because it serves every scene of its size.
-    `legend`: title, second line, and lines of the legend.
+    A board of kind "jumpers" has no expected voltages, because it serves every scene of its size. `legend`: title,
+    second line, and lines of the legend.
     """
     (x0, y0), (x1, y1) = placement.origin, placement.corner
     title = _fitted(legend[0], 0.0, y0 + 2.9, x1 - x0 - 16.5, 1.2)
@@ -186,7 +191,7 @@ def _back(placement: Placement, legend: Legend) -> Iterator[Text]:
 def _wrapped(lines: Iterable[str], most: int) -> list[str]:
     """Return the given lines, divided at spaces into lines of at most `most` characters; a limit below 12 counts as 12.
 
-    A longer word is divided, too.
+    A word that is longer than the limit is divided, too.
     """
     return [part for line in lines for part in wrap(line, max(most, 12))]
 
