@@ -136,11 +136,12 @@ def _cross(grid: FlowGrid, cell: Integers, local: Floats, lower: Floats, upper: 
 
 @inner
 def _keep_off(local: Floats, spacing: Floats, farthest: float, velocity: Floats) -> None:
-    """Turn the velocity so that the step ends `_CLEARANCE` of a cell width away from borders without current.
+    """Turn the velocity of a point on a border of its cell so that the step ends slightly inside the cell.
 
-    On such a border the point could lie where two cells meet without a current between them, and belong to either.
-    `local` (n,): position in the cell, 0 to 1; `spacing` (n,): cell widths; `farthest`: length of the step, in axis
-    units; `velocity` (n,): direction, updated.
+    The end lies 3e-9 of a cell width away from the border, along each axis along which the point is on a border. On a
+    border without current the point could belong to either of two cells without a current between them. A turn by more
+    than 1e-3 is omitted. `local` (n,): position in the cell, 0 to 1; `spacing` (n,): cell widths; `farthest`: length of
+    the step, in axis units; `velocity` (n,): direction, updated.
     """
     for axis in range(len(local)):
         inward = 0.0
@@ -241,8 +242,9 @@ def relax(
 ) -> None:  # fmt: skip
     """Apply relaxation sweeps to ``G x = b``, row by row; ``omega = 0`` selects Jacobi sweeps, other values SOR.
 
-    A Jacobi sweep uses old values only, successive over-relaxation (SOR) updated ones.  The solution is nonnegative.
-    Over-relaxation may overshoot and is clipped at 0; projected SOR (Cryer 1971) converges to the same solution.
+    A Jacobi sweep uses only values of the previous sweep; successive over-relaxation (SOR) uses values that this sweep
+    has already updated.  ``b`` and the solution are nonnegative.  Over-relaxation may overshoot and is clipped at 0;
+    this projected SOR (Cryer 1971) converges to the same solution.
 
     `first` (n + 1,), `column` and `coupling`: index pointers, column indices and values of the negated off-diagonal
     part of ``G``, in compressed rows; `diagonal` (n,): diagonal of ``G``; `drive` (n,): ``b``; `omega`: relaxation
