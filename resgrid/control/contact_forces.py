@@ -30,7 +30,7 @@ _LEAST_PIVOT = 1e-13
 _TIE = 1e-12
 """Largest relative difference of two ratios of Lemke's method that count as equal.
 
-It is also the largest force that counts as 0, as a fraction of the largest force.
+Forces below this fraction of the largest force count as 0, too.
 """
 _GONE = 1e-9
 """Largest value of Lemke's artificial variable that counts as 0, as a fraction of the largest entry of the right-hand
@@ -47,7 +47,7 @@ _REFINEMENTS = 3
 def contact_forces(
     normal: Vector, tangent: Vector, target: Vector, velocity: Vector, admittance: Vector, friction: float
 ) -> tuple[Vector, Vector, bool]:
-    """Compute the velocity with contacts and the normal and tangential forces; return them and whether they are valid.
+    """Return the velocity with contacts, the normal and tangential forces, and whether they are a solution.
 
     Conditions for the velocity ``qdot`` and the forces ``f_n, f_t`` of each contact: ``0 <= f_n, n . J qdot - target >=
     0``, one of them 0, and ``|f_t| <= mu f_n``, opposing ``t . J qdot``.  Contacts whose force cannot move the robot

@@ -135,7 +135,7 @@ class Navigator:
         return Command(ControlMode.STREAMLINE, seen.velocity, seen.longest * float(slowed))
 
     def _to_goal(self, believed: Vector) -> Command | End:
-        """Return the command to the goal in the present goal cell or a neighbour cell, or at the goal the end of the run.
+        """Return the command to the goal in the present goal cell or a neighbour cell, or the end of a run at the goal.
 
         A neighbour cell is tried if the robot could not reach the configuration that solves the goal in its own cell.
         `believed` (ndim,): configuration according to the sensor, in axis coordinates.

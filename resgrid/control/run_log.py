@@ -50,7 +50,7 @@ class ControlMode(IntEnum):
     JAM = 5
     """The contact force lies along the streamline, so that motion along the equipotential is impossible."""
     LEARNING = 6
-    """The robot stood still while cells that a contact proved became obstacles of the map, and the field was solved."""
+    """The robot stood still while contacts added obstacle cells to the map, and the field was solved again."""
     RETREATING = 7
     """The robot moved back along its path, to a cell with a path to a goal."""
     RECOVERING = 8
