@@ -204,7 +204,7 @@ class Body:
     def _survey(self) -> Surroundings:
         """Search for near obstacles at the present configuration; return the pairs of near points as Surroundings.
 
-        Points are near if their gap is at most `_LOOK` (4) times the largest motion of the robot in one step.
+        Points are near if their gap is at most four times the largest motion of any point of the robot in one step.
         """
         pose = self._pose = self.plant.pose(self.configuration)
         pairs = self.plant.near(pose, _LOOK * self._reach)

@@ -143,11 +143,11 @@ def near_points(pose: Pose, solid: ObstacleArrays, reach: float, pairs: Pairs) -
     """Find pairs of near points of a robot (segments with a radius) and obstacles; return the number of pairs.
 
     Two segments that do not cross are nearest at an end of one of them, so that the ends of both are tested; two
-    parallel segments give both ends of their overlap.  A disc or half-plane that is entered by at most `TOUCH` is
-    touched, with a gap of 0.  Edges have the obstacle on their left, and ``solid.edge_before`` is the edge that ends at
-    the start of an edge.  The end of a segment pairs with an edge only from the free side of the edge (or on it), and
-    with a corner only where the corner is nearer than its edges; other pairs would lie through an obstacle or across a
-    corner.
+    parallel segments give both ends of their overlap.  A disc or half-plane that is entered by at most `TOUCH` (1e-9 of
+    1 m plus a radius) is touched, with a gap of 0.  Edges have the obstacle on their left, and ``solid.edge_before`` is
+    the edge that ends at the start of an edge.  The end of a segment pairs with an edge only from the free side of the
+    edge (or on it), and with a corner only where the corner is nearer than its edges; other pairs would lie through an
+    obstacle or across a corner.
 
     `pose`: segments of the robot in the workspace; `solid`: obstacles; `reach`: largest gap of a pair, in metres;
     `pairs`: output array of records with the points, directions, gap and owners of a pair

@@ -151,8 +151,9 @@ class Navigator:
         """Return the command that leads out of a cell without a path to a goal, or the end of a run without way out.
 
         The robot moves back along its trail (the configurations that it has passed) or, if none of them lies in a cell
-        with a path, straight to a near cell with a path.  `believed` (ndim,): configuration according to the sensor;
-        `configuration` (ndim,): true configuration; both in axis coordinates.
+        with a path, straight to a near cell with a path. With noise, or with a bias and an empty trail, it moves
+        straight to the nearest cell with a path, because the measurement may be wrong.  `believed` (ndim,):
+        configuration according to the sensor; `configuration` (ndim,): true configuration; both in axis coordinates.
         """
         if self._cut_off:
             for cell, offset in exits(self._live.space, believed):

@@ -50,12 +50,12 @@ def check_board(
     """Verify a board by outside programs, and return the differences from its record.
 
     kicad-cli checks the rules of board and schematic, and writes IPC-D-356, Gerber, drill and placement files and a
-    SPICE netlist.  Four results are compared with the record beside the board, part by part and net by net: the nets
-    that the board file states (IPC-D-356), the nets that the copper of the Gerber and drill files connects, the
-    schematic (SPICE netlist), and the values on the board.  The voltages of the connected copper (by `resgrid.solve`)
-    and of the SPICE netlist (by ngspice) are compared with the record's voltages, and these with the solution of the
-    record's own circuit.  The bill of materials, the list of expected voltages and the archive ``gerbers.zip`` are
-    compared if they lie next to the board.
+    SPICE netlist.  The record beside the board is a JSON file that lists the intended parts, nets and voltages.  Four
+    results are compared with the record, part by part and net by net: the nets that the board file states (IPC-D-356),
+    the nets that the copper of the Gerber and drill files connects, the schematic (SPICE netlist), and the values on
+    the board.  The voltages of the connected copper (by `resgrid.solve`) and of the SPICE netlist (by ngspice) are
+    compared with the record's voltages, and these with the solution of the record's own circuit.  The bill of
+    materials, the list of expected voltages and the archive ``gerbers.zip`` are compared if they lie next to the board.
 
     Parameters
     ----------

@@ -19,7 +19,7 @@ Label = Hashable
 """Name or number of a net in the circuit that is compared with a record."""
 
 SHOWN = 6
-"""Maximum number of pads or nets that a message lists; also the maximum number of nets with wrong voltages."""
+"""Maximum number of pads or nets that a message lists, and of nets that a comparison of voltages lists."""
 
 MAX_VALUE_ERROR = 1e-9
 """Largest relative difference of resistances that count as equal.
@@ -60,9 +60,10 @@ def compare_nets(record: HardwareRecord, found: Mapping[Pad, Label | None]) -> l
 def match_nets(expected: Mapping[Pad, str], found: Mapping[Pad, Label | None]) -> dict[Label, str]:
     """Return the expected net that corresponds to each net of another circuit, by the label of the other net.
 
-    `expected`: expected net of every pad; `found`: net of every pad in the other circuit, None without a connection. An
-    expected net corresponds to the found net that contains most of its pads. If several expected nets claim one found
-    net, the expected net with most pads on it is chosen, and the others have no entry.
+    A label is the name or number of a net in the other circuit. `expected`: expected net of every pad; `found`: net of
+    every pad in the other circuit, None without a connection. An expected net corresponds to the found net that
+    contains most of its pads. If several expected nets claim one found net, the expected net with most pads on it is
+    chosen, and the others have no entry.
     """
     groups = _groups(expected, found)
     most = {net: max(map(len, labels.values())) for net, labels in groups.items()}
@@ -160,10 +161,10 @@ def _unknown(expected: Mapping[Pad, str], found: Iterable[Pad]) -> Iterator[str]
 
 
 def compare_values(record: HardwareRecord, found: Mapping[str, float | None]) -> list[str]:
-    """Return a message for every resistor whose resistance differs from the record by more than `MAX_VALUE_ERROR`.
+    """Return a message for every resistor whose resistance differs from the record by more than a limit.
 
-    The limit is relative to the resistance in the record. `found`: resistance in ohms by reference; None stands for a
-    text that is not a number, and gives a message. Resistors without an entry give no message.
+    The limit is 1e-9 of the resistance in the record. `found`: resistance in ohms by reference; None stands for a text
+    that is not a number, and gives a message. Resistors without an entry give no message.
     """
     messages = []
     for part in record.parts:
@@ -181,8 +182,8 @@ class VoltageComparison:
 
     `max_abs_error`: largest absolute difference in volts, None if no net was compared; `max_relative_error`: this
     difference as a fraction of the supply; `nodes`: number of nets compared; `worst`: net, expected and found voltage
-    in volts, for at most `SHOWN` nets with a difference, the largest first; `findings`: messages about differences
-    above the tolerance and about nets without a found voltage.
+    in volts, for the at most six nets with the largest differences, the largest first; `findings`: messages about
+    differences above the tolerance and about nets without a found voltage.
     """
 
     max_abs_error: float | None = None
@@ -230,7 +231,7 @@ def _name(pad: Pad) -> str:
 
 
 def _list(names: Sequence[Pad] | Sequence[str]) -> str:
-    """Return a list of pads or nets as text: the first `SHOWN` of them, and the number of the others."""
+    """Return a list of pads or nets as text: the first six of them, and the number of the others."""
     words = [name if isinstance(name, str) else f"{name[0]}.{name[1]}" for name in names]
     rest = len(words) - SHOWN
     return ", ".join(words[:SHOWN]) + (f" and {rest} more" if rest > 0 else "")

@@ -31,9 +31,9 @@ class TestPoint:
     """A pad or via.
 
     `net`: name of its net; `reference`: name of its part, ``"VIA"`` for a via; `pin`: number of the pad, empty for a
-    via; `position`: x and y in millimetres, y upwards; `access`: 0 for both sides, otherwise the number of the layer,
-    from 1 for the front; `hole`: diameter of its hole in millimetres, None for a surface pad; `plated`: whether the
-    hole is plated, False without a hole.
+    via; `position`: x and y in millimetres from the origin of the file, y upwards; `access`: 0 for both sides,
+    otherwise the number of the layer, from 1 for the front; `hole`: diameter of its hole in millimetres, None for a
+    surface pad; `plated`: whether the hole is plated, False without a hole.
     """
 
     __test__ = False

@@ -61,7 +61,7 @@ class BoardReports:
 
 
 def report_board(kicad: KicadCli, board: Path, folder: Path, timeout: float) -> BoardReports:
-    """Run kicad-cli on a copy of a board, and return its reports.
+    """Run kicad-cli on a copy of a board, and return the reports and files of kicad-cli.
 
     `board`: the file ``.kicad_pcb``; `folder`: empty temporary folder; `timeout`: longest run of kicad-cli, in seconds.
     Raises InputError if kicad-cli cannot read the board.

@@ -42,7 +42,7 @@ class TileArray:
 
 
 def tile_array(netlist: Netlist, value: NDArray[np.int64]) -> TileArray:
-    """Return the contents of the tiles of a compiled space.
+    """Return the contents of the tiles (drawings of one cell each) of a compiled space.
 
     `netlist`: netlist with merged rails of a space of two axes; `value` (resistors,): index of each resistor's
     resistance among the different resistances.
@@ -95,10 +95,10 @@ def node_labels(array: TileArray, tile: TileGeometry, metal: MetalRules) -> list
 
 
 def used_range(mask: NDArray[np.bool_], axis: int) -> tuple[int, int]:
-    """Return the first and last column (`axis` 0) or row (`axis` 1) in which a mask is true.
+    """Return the first and last column (`axis` 0) or row (`axis` 1) of the grid in which a mask of tiles is true.
 
-    `mask` (columns + 2, rows + 2): tiles, true at least once. The margin of one tile around the grid counts: column -1
-    is left of the grid.
+    A tile is the drawing of one cell. `mask` (columns + 2, rows + 2): true at least once. The margin of one tile around
+    the grid counts: column -1 is left of the grid, row -1 below.
     """
     used = np.flatnonzero(mask.any(axis=1 - axis))
     return int(used[0]) + ORIGIN[axis], int(used[-1]) + ORIGIN[axis]

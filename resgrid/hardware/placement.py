@@ -40,10 +40,16 @@ LARGEST_PITCH = 25.4
 
 _ORIGIN = (20.0, 20.0)
 _LEFT, _RIGHT, _TOP, _BOTTOM = 11.0, 7.0, 9.0, 16.0
-"""Widths of the margins between the ring of the high rail and the edges of the board, in millimetres."""
+"""Widths of the margins between the ring of the high rail and the edges of the board, in millimetres.
+
+The ring is the track around the grid on the net of the positive supply.
+"""
 
 LANE = 0.6
-"""Distance between neighbouring vertical tracks outside the ring of the high rail, in millimetres."""
+"""Distance between neighbouring vertical tracks outside the ring of the high rail, in millimetres.
+
+The ring is the track around the grid on the net of the positive supply.
+"""
 
 CHANNELS = 4
 """Largest number of pins of a header row for an analogue-to-digital converter, and largest number of such rows."""

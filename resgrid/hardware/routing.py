@@ -19,7 +19,7 @@ from resgrid.hardware.placement import LANE, Placement, Point, rounded
 from resgrid.hardware.record import GROUND
 
 _RAIL, _THIN, _WIDE = 0.8, 0.2, 0.3
-"""Widths of the tracks of rails, of those to converter headers, and of those of goal regions, in millimetres."""
+"""Widths of the tracks of rails, of tracks to converter headers, and of tracks from goal regions, in millimetres."""
 
 _CLEARANCE = 0.2
 """Smallest distance between tracks on different nets, in millimetres."""
@@ -28,12 +28,15 @@ _BELOW = 1.65
 """Distance of the lower horizontal track of a goal region below the centre of its row of cells, in millimetres."""
 
 _FIRST_LANE = 0.95
-"""Distance of the innermost vertical track from the ring of the high rail, in millimetres."""
+"""Distance of the innermost vertical track from the ring of the high rail, in millimetres.
+
+The ring is the track around the grid on the net of the positive supply.
+"""
 
 
 @dataclass(frozen=True)
 class Routing:
-    """Tracks and vias of a board, without pads and the copper plane."""
+    """The tracks and vias of a board (`tracks`, `vias`), without pads and the copper plane."""
 
     tracks: tuple[Track, ...]
     vias: tuple[Via, ...]
@@ -81,7 +84,10 @@ def _grid(placement: Placement) -> Iterator[Track | Via]:
 
 
 def _ring(placement: Placement) -> Iterator[Track | Via]:
-    """Yield the closed track of the high rail around the grid, with a via to the plane at every row and column."""
+    """Yield the closed track of the high rail around the grid, with vias to the plane at both ends of rows and columns.
+
+    The high rail is the net of the positive supply, to which the copper plane on the back belongs, too.
+    """
     net, (x0, y0, x1, y1) = placement.circuit.high_net, placement.ring
     yield from _path([(x0, y0), (x1, y0), (x1, y1), (x0, y1), (x0, y0)], net, "F.Cu", _RAIL)
     columns, rows = placement.shape
@@ -94,7 +100,7 @@ def _ring(placement: Placement) -> Iterator[Track | Via]:
 
 
 def _goal_regions(placement: Placement) -> Iterator[Track]:
-    """Yield the tracks between neighbouring cells of a goal region."""
+    """Yield the tracks between neighbouring cells of a goal region; none on a board with jumpers."""
     if placement.circuit.kind == "jumpers":
         return
     goal = placement.circuit.space.cell == Cell.GOAL

@@ -24,9 +24,9 @@ _FREE_OF_PADS, _FREE_OF_TEXT = 0.25, 0.2
 """Smallest distances of printed lines from pads and from texts, in millimetres."""
 
 _INSET, _OVERLAP = 0.3, 0.02
-"""Distance of the printed outline of obstacles from the border of their cells, and overlap of cells, in millimetres.
+"""Distance of the printed outline of obstacles from the border of their cells, in millimetres, and an overlap.
 
-With the overlap, the union of neighbouring cells has no gaps.
+Cells are widened by the overlap, in millimetres, before neighbours are joined, so that their union has no gaps.
 """
 
 SEE_BACK = "voltages: see back"
@@ -36,7 +36,7 @@ _LEGEND = 5
 """Largest number of lines of the legend on the front; a longer legend is printed on the back only."""
 
 _SHORTEST = 0.35
-"""Length in millimetres below which the rest of a line between texts and pads is not printed."""
+"""Largest length of a piece of a line between texts and pads that is not printed, in millimetres."""
 
 Legend = tuple[str, str, tuple[str, ...]]
 """Texts of a board: title, second line, and lines of the legend of voltages."""
@@ -212,7 +212,7 @@ def _blocked(placement: Placement, texts: list[Text]) -> BaseGeometry:
 
 
 def _lines(placement: Placement) -> Iterator[LineString]:
-    """Yield the lines of the scene's picture before those on texts and pads are removed.
+    """Yield the lines of the scene's picture, also lines across texts and pads, which are removed later.
 
     They are the border, hatched obstacles, and two circles around each goal cell.
     """
@@ -229,7 +229,7 @@ def _lines(placement: Placement) -> Iterator[LineString]:
 
 
 def _area(placement: Placement, cells: Iterable[Index]) -> BaseGeometry:
-    """Return the union of cells (column, row) on the board in millimetres, smaller by `_INSET` on all sides."""
+    """Return the area on the board that cells (column, row) cover, in millimetres, smaller by 0.3 mm on all sides."""
     half = placement.pitch / 2
     squares = []
     for cell in cells:
@@ -256,7 +256,10 @@ def _hatched(area: BaseGeometry) -> Iterator[LineString]:
 
 
 def _border(placement: Placement) -> Iterator[LineString]:
-    """Yield the border of the grid, with short oblique lines outside the sides that act as obstacles."""
+    """Yield the border of the grid, with short oblique lines outside the sides that act as obstacles.
+
+    Such sides have resistors to the obstacle rail.
+    """
     columns, rows = placement.shape
     (x0, y0), (x1, y1) = placement.at(-0.5, rows - 0.5), placement.at(columns - 0.5, -0.5)
     corners = ((x0, y0), (x1, y0), (x1, y1), (x0, y1))

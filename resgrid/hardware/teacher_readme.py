@@ -23,7 +23,7 @@ The power that the resistors withstand may lower this limit.
 """
 
 CHEAP = 100.0
-"""Width and height in millimetres up to which manufacturers of boards charge least."""
+"""Largest width and height of boards, in millimetres, for which manufacturers charge least."""
 
 
 def format_readme(board: Board, yields: Mapping[int, Proportion], *, manufactured: bool) -> str:

@@ -174,10 +174,10 @@ def placed_tree(placed: PlacedFootprint, nets: Mapping[str, int]) -> Node:
 
 
 def _properties(reference: str, value: str, key: str, placed: PlacedFootprint | None = None) -> list[Node]:
-    """Return the S-expressions of the texts of a footprint: reference, value, and two empty ones that KiCad requires.
+    """Return the S-expressions of the texts of a footprint: reference, value, and two empty texts that KiCad requires.
 
-    `reference`, `value`: texts; `key`: name from which identifiers are derived; `placed`: the footprint on a board,
-    None in a library.
+    `reference`, `value`: texts; `key`: name from which the UUIDs are derived; `placed`: the footprint on a board, which
+    gives the place of the reference; None in a library.
     """
     where, layer, turn, size = (0.0, 0.0), "F.Fab", 0, (0.8, 0.8)
     if placed is not None and placed.label is not None:
