@@ -1,4 +1,4 @@
-"""Rigid contact with friction for a velocity-controlled robot: contact forces, and collision-free steps.
+"""Rigid contact with friction for a velocity-controlled robot: contact velocities, and collision-free steps (`Body`).
 
 The robot obeys ``qdot = v + A sum_k J_k^T f_k`` with the commanded velocity ``v``, the admittance ``A``, and the
 Jacobian ``J_k`` and force ``f_k`` of each contact.  Contact is a complementarity problem at the level of velocities (D.
@@ -23,13 +23,16 @@ from resgrid.robots.geometry import TOUCH
 Vector = NDArray[np.float64]
 
 _LOOK = 4.0
-"""Largest gap of the near-point pairs that a search returns, in units of the largest motion of any point of the robot
-in one step.
+"""Largest gap between robot and obstacle for which a search returns a pair of near points.
+
+It is given as a multiple of the largest motion of any point of the robot in one step.
 """
 _AT_STOP = 1e-6
-"""Distance from a mechanical stop, as a fraction of the cell width, up to which the robot counts as at the stop."""
+"""Largest distance from a mechanical stop at which the robot counts as at the stop, as a fraction of the cell width."""
 _LEAST = 1e-3
 """Smallest collision-free fraction of a step for which the step is taken; with a smaller fraction the robot is blocked.
+
+The robot then stays where it is.
 """
 _POSES = 50
 """Maximum number of collision tests along one step, each from a later pose of the robot on the step."""
@@ -42,9 +45,9 @@ The length is 1 m plus the largest radius of the robot and of disc obstacles.
 """
 
 KEEP = 0.2
-"""Smallest gap after a step, as a fraction of the gap at which a contact begins (`Body.margin`).
+"""Smallest gap between robot and obstacle after a step, as a fraction of the gap at which a contact begins.
 
-If the gap is smaller before the step, that gap is the limit.
+If the gap is already smaller before the step, the step may not reduce it.
 """
 
 
@@ -57,9 +60,9 @@ class ContactSet:
     admittance times force is a velocity; its generalised force is ``J^T force`` with the Jacobian ``J`` of the point;
     `sticking` (m,): whether the force lies inside the friction cone, and the point does not move; `torque` (ndim,):
     generalised force of all contacts, mechanical stops included; `normal_torque` (ndim,): generalised force of the
-    obstacles' normal forces only; it points away from the obstacles in configuration space, while the force of a
-    sticking contact merely balances the drive along the streamline; `velocity` (ndim,): velocity of the robot with
-    contacts, in axis coordinates, per second; `solved`: False where rounding, such as between axes of very different
+    obstacles' normal forces only, which points away from the obstacles in configuration space (the whole force of a
+    sticking contact merely balances the drive along the streamline); `velocity` (ndim,): velocity of the robot with
+    contacts, in axis coordinates, per second; `solved`: False if rounding, such as between axes of very different
     scales, prevented a solution; velocity and forces are then 0.
     """
 
@@ -79,7 +82,7 @@ class ContactSet:
 
 @dataclass(frozen=True, eq=False)
 class Surroundings:
-    """Pairs of near points of robot and obstacles, with the rates of their gaps for unit velocities of the axes.
+    """Pairs of near points of robot and obstacles, with their relative velocities for unit velocities of the axes.
 
     `pairs` (n,): records of points, normal and gap (`resgrid.control.plant.PAIR`); `normal_rows, tangent_rows` (n,
     ndim): ``n . J`` and ``t . J``, the velocity of the robot's point along the unit normal ``n`` out of the obstacle
@@ -122,10 +125,12 @@ def solve_contacts(
 ) -> ContactSet:
     """Compute contact forces and the resulting velocity; return them as a ContactSet of the touching pairs only.
 
-    `around`: all n pairs of near points; `touching` (n,): mask of the pairs in contact; `velocity` (ndim,): command in
-    axis coordinates, per second; `admittance` (ndim, ndim): velocity per generalised force; `friction`: friction
-    coefficient; `opening` (n,): least rates, in m/s, at which the gaps must grow; `stops` (s, ndim): unit vectors away
-    from the mechanical stops that the robot is at, None if it is at no stop.
+    The forces are those that keep gaps from closing; the velocity also opens gaps at the rates of `opening` if
+    possible. `around`: all n pairs of near points; `touching` (n,): mask of the pairs in contact; `velocity` (ndim,):
+    command in axis coordinates, per second; `admittance` (ndim, ndim): velocity per generalised force; `friction`:
+    friction coefficient; `opening` (n,): smallest rates, in m/s, at which the gaps should grow, 0 for gaps that only
+    must not close; `stops` (s, ndim): unit vectors in configuration space away from the mechanical stops that the robot
+    is at, None if the robot is at no stop.
     """
     pairs = around.pairs[touching]
     ends = np.empty((0, len(velocity))) if stops is None else stops
@@ -160,8 +165,8 @@ class Body:
     tightly for this motion never moves.
 
     `plant`: robot and true obstacles; `start` (ndim,): configuration in axis coordinates; `step`: largest motion along
-    an axis in one step, in cells; `margin`: gap at which a contact begins, in metres; a pair of points counts as in
-    contact up to 1.5 times this gap.
+    an axis in one step, in cells; `margin`: gap at which a step towards an obstacle ends and a contact begins, in
+    metres; pairs of points with a gap of at most 1.5 times the margin are in contact.
     """
 
     def __init__(self, plant: Plant, start: Vector, step: float, margin: float) -> None:
@@ -190,15 +195,16 @@ class Body:
     def look(self) -> Surroundings:
         """Return the pairs of near points at the present configuration as Surroundings.
 
-        Points are near if their gap is at most four times the largest motion of any point of the robot in one step. The
-        result is empty, without a search, while the last search proves that no obstacle is in reach of a step.
+        Each pair has a point of the robot and a point of an obstacle. They are near if their gap is at most four times
+        the largest motion of any point of the robot in one step. The result is empty, without a search, while the last
+        search proves that no obstacle is in reach of a step.
         """
         return self._nothing if self._clear > 2.0 * self._reach else self._survey()
 
     def _survey(self) -> Surroundings:
         """Search for near obstacles at the present configuration; return the pairs of near points as Surroundings.
 
-        Points are near if their gap is at most `_LOOK` (4) times the largest motion of the robot in one step.
+        Points are near if their gap is at most four times the largest motion of any point of the robot in one step.
         """
         pose = self._pose = self.plant.pose(self.configuration)
         pairs = self.plant.near(pose, _LOOK * self._reach)
@@ -212,7 +218,8 @@ class Body:
 
         `around`: pairs of near points; `velocity` (ndim,): command in axis coordinates, per second; `admittance` (ndim,
         ndim): velocity per generalised force; `friction`: friction coefficient; `pause`: duration of a step, in
-        seconds.  A gap below half the margin opens to the margin within about five such durations.
+        seconds.  A gap below half the margin, the gap at which a contact begins, opens to the margin within about five
+        such durations.
         """
         stops = self._stops()
         touching = around.gap <= 1.5 * self.margin
@@ -222,7 +229,10 @@ class Body:
         return solve_contacts(around, touching, velocity, admittance, friction, opening, stops)
 
     def _stops(self) -> Vector:
-        """Return unit vectors away from the mechanical stops that the robot is at, shape (s, ndim)."""
+        """Return unit vectors (s, ndim) in configuration space away from the mechanical stops that the robot is at.
+
+        Mechanical stops are the ends of axes that are not periodic.
+        """
         lower, upper = self.plant.stops
         low = self.configuration - lower <= _AT_STOP * self._spacing
         high = upper - self.configuration <= _AT_STOP * self._spacing
@@ -237,7 +247,8 @@ class Body:
 
         `velocity` (ndim,): in axis coordinates, per second; `longest`: maximum duration, in seconds; `pause`: duration
         to return for a blocked robot, in seconds; `around`: pairs of near points; `keep`: smallest gap after the step,
-        as a fraction of the margin.
+        as a fraction of the margin, the gap at which a contact begins. The step is shortened to its collision-free
+        fraction.
         """
         step = self._time_step(velocity, longest, around)
         fraction = self._free(step * velocity, around, keep)
@@ -264,7 +275,8 @@ class Body:
         """Return the duration of a step in seconds, at most `longest`.
 
         The step ends when an axis has moved by `Body.step` cells, at a mechanical stop, or when a gap falls to the
-        margin.  `velocity` (ndim,): in axis coordinates, per second; `around`: pairs of near points.
+        margin, the gap at which a contact begins.  `velocity` (ndim,): in axis coordinates, per second; `around`: pairs
+        of near points.
         """
         fastest = float((np.abs(velocity) / self._spacing).max())
         if fastest == 0.0:
@@ -285,8 +297,9 @@ class Body:
     def _free(self, motion: Vector, around: Surroundings, keep: float) -> float:
         """Return a fraction (0 to 1) of a motion on which no gap falls below a limit.
 
-        The limit is `keep` times the margin, or the smallest gap before the motion if that is less.  `motion` (ndim,):
-        offset of the configuration, in axis units; `around`: pairs of near points; `keep`: fraction of the margin.
+        The limit is `keep` times the margin (the gap at which a contact begins), or the smallest gap before the motion
+        if that gap is less.  `motion` (ndim,): offset of the configuration, in axis units; `around`: pairs of near
+        points; `keep`: fraction of the margin.
         """
         if around is self._nothing:
             return 1.0

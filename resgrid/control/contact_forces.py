@@ -20,17 +20,20 @@ Indices 0 to n - 1 are the slacks ``w``, n to 2 n - 1 the unknowns ``z``, 2 n th
 """
 
 _LEAST_MOBILITY = 1e-12
-"""Contacts are ignored if no entry of their row ``n . J`` exceeds this fraction of the largest entry of all contacts;
-their friction is ignored if no entry of ``t . J`` does.
+"""Limit below which contacts are ignored, as a fraction of the largest entry of the rows ``n . J`` and ``t . J``.
+
+A contact is ignored if no entry of its row ``n . J`` exceeds the limit.  The friction of a contact is ignored if no
+entry of its row ``t . J`` exceeds the limit.
 """
 _LEAST_PIVOT = 1e-13
 """Smallest accepted pivot of Lemke's method, relative to the largest entry of the inverse basis."""
 _TIE = 1e-12
-"""Relative difference up to which two ratios of Lemke's method count as equal, and size up to which forces count as 0,
-as a fraction of the largest force.
+"""Largest relative difference of two ratios of Lemke's method that count as equal.
+
+Forces below this fraction of the largest force count as 0, too.
 """
 _GONE = 1e-9
-"""Value of Lemke's artificial variable up to which it counts as 0, as a fraction of the largest entry of the right-hand
+"""Largest value of Lemke's artificial variable that counts as 0, as a fraction of the largest entry of the right-hand
 side ``q``.
 """
 _CLOSED = 1e-6
@@ -44,7 +47,7 @@ _REFINEMENTS = 3
 def contact_forces(
     normal: Vector, tangent: Vector, target: Vector, velocity: Vector, admittance: Vector, friction: float
 ) -> tuple[Vector, Vector, bool]:
-    """Compute the velocity with contacts, the normal and tangential forces, and True if they are a solution.
+    """Return the velocity with contacts, the normal and tangential forces, and whether they are a solution.
 
     Conditions for the velocity ``qdot`` and the forces ``f_n, f_t`` of each contact: ``0 <= f_n, n . J qdot - target >=
     0``, one of them 0, and ``|f_t| <= mu f_n``, opposing ``t . J qdot``.  Contacts whose force cannot move the robot
@@ -87,10 +90,10 @@ def contact_forces(
 def _solution(rows: Vector, give: Vector, cone: Vector, offset: Vector) -> Vector | None:
     """Return ``z`` (u,) with ``z >= 0, w = M z + q >= 0, z . w = 0`` for ``M = rows give^T + cone``, or None.
 
-    None means that no solution was found.  Iterative refinement uses the factors of ``M``, because contacts that almost
-    face each other give ``M = N A N^T`` the squared condition number of ``N``.  `rows` (u, ndim): contact Jacobian,
-    one row per unknown, scaled so that a unit force gives a unit velocity, and 0 for slips; `give` (u, ndim): `rows`
-    times the admittance; `cone` (u, u): conditions of the friction cones; `offset` (u,): ``q``.
+    None means that no solution was found.  Iterative refinement evaluates ``M z`` by the factors of ``M``, because
+    contacts that almost face each other give ``M = N A N^T`` the squared condition number of ``N``.  `rows` (u, ndim):
+    contact Jacobian, one row per unknown, scaled so that a unit force gives a unit velocity, and 0 for slips; `give`
+    (u, ndim): `rows` times the admittance; `cone` (u, u): conditions of the friction cones; `offset` (u,): ``q``.
     """
     size, z, w = len(offset), np.zeros(len(offset)), offset.copy()
     if w.min(initial=0.0) >= 0.0:

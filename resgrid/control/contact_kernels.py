@@ -1,4 +1,4 @@
-"""Compiled kernels of a robot among obstacles: pairs of near points, and collision-free fractions of motions.
+"""Compiled kernels of a robot among obstacles: near-point pairs, contact Jacobians, collision-free parts of motions.
 
 The robot consists of segments with a radius, obstacles of edges, discs and half-planes.  A segment of the robot and an
 obstacle are separate while a line separates them.  Two kinds of lines are used.  One is fixed, and both ends of the
@@ -24,7 +24,7 @@ from resgrid.robots.geometry import TOUCH, ObstacleArrays, Pose
 from resgrid.robots.kernels import segment_parameter
 
 _RIM = 1e-13
-"""Allowance for rounding errors in gaps, in metres, divided by 1 m plus the largest coordinate."""
+"""Allowance for rounding errors in gaps, as a fraction of 1 m plus the largest magnitude of a coordinate."""
 
 Floats = NDArray[np.float64]
 Pairs = Any
@@ -89,8 +89,9 @@ def _left_of(edge: Floats) -> tuple[float, float]:
 def _inside_corner(edge: Floats, before: Floats) -> tuple[float, float]:
     """Return the unit direction ``(x, y)`` into the obstacle from the corner at the start of an edge.
 
-    The direction bisects the normals of both edges; at a spike it points along the spike.  `edge` (4,): edge that
-    starts at the corner; `before` (4,): edge that ends there; both as ``ax, ay, bx, by``, in metres.
+    The direction bisects the normals of both edges; at a spike (edges in opposite directions) it points along the
+    spike.  `edge` (4,): edge that starts at the corner; `before` (4,): edge that ends there; both as ``ax, ay, bx,
+    by``, in metres.
     """
     (ax, ay), (bx, by) = _left_of(edge), _left_of(before)
     length = math.hypot(ax + bx, ay + by)
@@ -142,11 +143,11 @@ def near_points(pose: Pose, solid: ObstacleArrays, reach: float, pairs: Pairs) -
     """Find pairs of near points of a robot (segments with a radius) and obstacles; return the number of pairs.
 
     Two segments that do not cross are nearest at an end of one of them, so that the ends of both are tested; two
-    parallel segments give both ends of their overlap.  A disc or half-plane that is entered by at most `TOUCH` is
-    touched, with a gap of 0.  Edges have the obstacle on their left, and ``solid.edge_before`` is the edge that ends at
-    the start of an edge.  The end of a segment pairs with an edge only from the free side of the edge (or on it), and
-    with a corner only where the corner is nearer than its edges; other pairs would lie through an obstacle or across a
-    corner.
+    parallel segments give both ends of their overlap.  A disc or half-plane that is entered by at most `TOUCH` (1e-9 of
+    1 m plus a radius) is touched, with a gap of 0.  Edges have the obstacle on their left, and ``solid.edge_before`` is
+    the edge that ends at the start of an edge.  The end of a segment pairs with an edge only from the free side of the
+    edge (or on it), and with a corner only where the corner is nearer than its edges; other pairs would lie through an
+    obstacle or across a corner.
 
     `pose`: segments of the robot in the workspace; `solid`: obstacles; `reach`: largest gap of a pair, in metres;
     `pairs`: output array of records with the points, directions, gap and owners of a pair
@@ -236,7 +237,7 @@ def _time_to_zero(height: float, rate: float, bend: float) -> float:
 
 @inner
 def _time_beyond(nx: float, ny: float, segment: Floats, moves: Floats, top: float) -> float:
-    """Return a time up to which both ends of a moving segment provably have ``n . x >= top``; infinite if always.
+    """Return a time up to which both ends ``x`` of a moving segment provably have ``n . x >= top``; infinite if always.
 
     The unit of time is the duration of the motion, so that a rate is the change over the whole motion.  `nx, ny`: unit
     normal ``n`` of the line; `segment` (4,): ends ``ax, ay, bx, by``, in metres; `moves` (7,): rates of these
@@ -279,7 +280,8 @@ def _time_beside(px: float, py: float, qx: float, qy: float, segment: Floats, mo
 def _distance(segment: Floats, edge: Floats) -> tuple[float, float, float]:
     """Return the distance of two segments in metres, and the components of the unit vector from `edge` to `segment`.
 
-    The segments, given by their ends (4,), must not cross.  All three values are 0 for segments that touch.
+    `segment`, `edge` (4,): ends ``ax, ay, bx, by``, in metres. The segments must not cross.  All three values are 0 for
+    segments that touch.
     """
     best, vx, vy = np.inf, 0.0, 0.0
     for case in range(4):

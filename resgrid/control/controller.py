@@ -37,10 +37,11 @@ class Nominal(NamedTuple):
 
     `place`: "free" (free cell with a path to a goal), "goal" (goal cell) or "off" (no path or no current); `velocity`
     (n,): the term ``V0`` of ``V = V0 + A F``, per second, in the coordinates in which the configuration was given
-    (world or axis coordinates): along the current in a free cell; 0 in a goal cell; "off": 0 from `Controller.seen`,
-    otherwise towards the nearest cell with a path; `longest`: maximum duration of a straight step at this velocity, in
-    seconds, infinite except in a free cell.  The step ends just across the next cell face with outward current, or half
-    way to a zero of a velocity component: it enters no cell that no current enters.
+    (world or axis coordinates). It points along the current in a free cell and is 0 in a goal cell. For "off" it points
+    to the nearest cell with a path, or is 0 if recovery was not asked for (`Controller.seen`). `longest`: maximum
+    duration of a straight step at this velocity, in seconds, infinite except in a free cell.  The step ends just across
+    the next cell face with outward current, or half way to a zero of a velocity component: it enters no cell that no
+    current enters.
     """
 
     place: str
@@ -66,8 +67,8 @@ class Controller:
     speed : float
         Length of ``V0``, in world coordinates per second.
     speed_limits : ndarray of float64, shape (n,)
-        Largest speed of each joint or world coordinate, per second.  A faster command is scaled as a whole, so that its
-        direction does not change.
+        Largest speed of each joint or world coordinate, in its unit per second.  A faster command is scaled as a whole,
+        so that its direction does not change.
     response : {"admittance", "equipotential"}
         Response to a force: ``V0 + A F``, or motion along the equipotential (equation 1 of the paper) while the force
         lasts.
@@ -76,7 +77,7 @@ class Controller:
         the equipotential; up to it the velocity is ``V0 + A F``.
     masks : tuple of Mask
         Masks whose speed limits apply at the measured configuration: percentages of `speed`, or absolute speeds in the
-        plane.
+        plane of the first two world coordinates.
     axis_admittance : ndarray of float64, shape (n, n)
         The matrix `admittance` in axis coordinates.
 
@@ -123,8 +124,8 @@ class Controller:
         Raises
         ------
         InputError
-            If a value is not finite or has another shape, the configuration lies outside the grid, it lies more than
-            `RECOVERY` cells from every cell with a path to a goal, or no current flows in its cell with a path.
+            If a value is not finite or has another shape, the configuration lies outside the grid or more than 2 cells
+            from every cell with a path to a goal, or no current flows in its cell although that cell has a path.
         """
         velocity = self.axis_nominal(self._along_axes(configuration)).velocity
         if force is not None:
@@ -136,10 +137,10 @@ class Controller:
         return self._frame.turned_to_world(self.limited(velocity, np.asarray(self._along_axes(configuration))))
 
     def admitting(self, nominal: NDArray[np.float64], force: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the velocity ``V0 + A F`` (n,) in axis coordinates, per second, or on overflow a finite one.
+        """Return the velocity ``V0 + A F`` (n,) in axis coordinates, per second, with the admittance ``A``.
 
-        `nominal` (n,): ``V0`` per second; `force` (n,): generalised force ``F``; both in axis coordinates.  On
-        overflow, the result points along ``A F``.
+        `nominal` (n,): nominal velocity ``V0``, per second; `force` (n,): generalised force ``F``; both in axis
+        coordinates.  If the sum overflows, the result is a finite velocity along ``A F``.
         """
         admittance = self.axis_admittance
         with np.errstate(over="ignore", invalid="ignore"):
@@ -150,27 +151,29 @@ class Controller:
         return np.asarray(push * (np.finfo(np.float64).max / len(push)))
 
     def nominal(self, configuration: ArrayLike) -> Nominal:
-        """Return the nominal motion at a configuration (n,), both in world coordinates.
+        """Return the nominal motion (the motion without a force) at a configuration (n,), both in world coordinates.
 
-        The velocity within a cell follows Pollock's interpolation of the face currents and is continuous.  Raises
-        InputError for a configuration that is not finite, outside the grid, or too far from every cell with a path to a
-        goal.
+        In a cell without a path to a goal, the velocity leads to the nearest cell with a path. The velocity within a
+        free cell follows Pollock's interpolation of the face currents and is continuous.  Raises InputError for a
+        configuration that is not finite, outside the grid, or too far from every cell with a path to a goal.
         """
         own = self.axis_nominal(self._along_axes(configuration))
         return own._replace(velocity=self._frame.turned_to_world(own.velocity))
 
     def axis_nominal(self, configuration: ArrayLike) -> Nominal:
-        """Return the nominal motion at a configuration (n,), both in axis coordinates.
+        """Return the nominal motion (the motion without a force) at a configuration (n,), both in axis coordinates.
 
-        In a cell without a path to a goal, the velocity leads to the nearest cell with a path.
+        In a cell without a path to a goal, the velocity leads to the nearest cell with a path. Raises InputError if no
+        such cell is within 2 cells.
         """
         seen = self.seen(configuration)
         return Nominal("off", self._recover(np.asarray(configuration)), np.inf) if seen.place == "off" else seen
 
     def seen(self, configuration: ArrayLike) -> Nominal:
-        """Return the nominal motion at a configuration (n,), both in axis coordinates, without recovery.
+        """Return the nominal motion (the motion without a force) at a configuration (n,), both in axis coordinates.
 
-        The velocity is 0 in a cell without a path to a goal.  Raises InputError for an invalid configuration.
+        The velocity is 0 in a cell without a path to a goal: the robot is not led out of it.  Raises InputError for a
+        configuration outside the grid or with values that are not finite.
         """
         try:
             point = np.ascontiguousarray(configuration, dtype=np.float64)
@@ -207,7 +210,11 @@ class Controller:
         return within if at is None or self._zones is None else self._slowed(within, at)
 
     def _slowed(self, velocity: NDArray[np.float64], at: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return a velocity (n,), per second, scaled down so that the limits of masks at a configuration (n,) hold."""
+        """Return a velocity (n,), per second, scaled down so that the speed limits of masks hold.
+
+        A relative limit applies to the norm of the whole velocity, an absolute limit to the norm of its first two
+        components. `at` (n,): configuration; both vectors are in axis coordinates. Some mask must have a limit.
+        """
         assert self._zones is not None
         limits = self._zones.at(self._frame.to_world(at)[np.newaxis])
         whole, plane = float(np.linalg.norm(velocity)), float(np.linalg.norm(velocity[:2]))
@@ -219,7 +226,10 @@ class Controller:
 
     @cached_property
     def _zones(self) -> SpeedZones | None:
-        """The speed limits of the masks by place, as fraction of `speed` or absolute; None if no mask has a limit."""
+        """The speed limits of all masks, which depend on the place; None if no mask has a limit.
+
+        A limit is a fraction of the nominal speed `speed`, or an absolute speed.
+        """
         return speed_zones(self.masks)
 
     def with_field(self, field: Field) -> Controller:
@@ -305,7 +315,7 @@ def make_controller(
     response: Response = "admittance",
     masks: Sequence[Mask] = (),
 ) -> Controller:
-    """Return a controller with default speed, admittance and limits.
+    """Return a controller that follows a field, with defaults for speed, admittance and limits.
 
     Parameters
     ----------
@@ -314,14 +324,15 @@ def make_controller(
     speed : float, optional
         Nominal speed, in world coordinates per second; by default a twentieth of the longest axis.
     admittance : array_like of float, shape (n, n), (n * n,), (n,) or (), optional
-        Velocity per generalised force, as a matrix (flat: row by row), its diagonal, or one number for all axes; by
-        default a unit force changes the velocity by `speed`.
+        Velocity per generalised force in world coordinates, as a matrix (flat: row by row), its diagonal, or one number
+        for all axes; by default `speed`, so that a unit force changes the velocity by the nominal speed.
     speed_limits : array_like of float, shape (n,) or (), optional
-        Largest speed of each world coordinate, per second; by default five times the nominal speed.
+        Largest speed of each joint or world coordinate, per second; one number for all; by default five times the
+        nominal speed.
     response : {"admittance", "equipotential"}
-        Whether a force adds its admittance velocity, or turns the robot along the equipotential.
+        Whether a force adds the velocity admittance times force, or turns the robot along the equipotential.
     masks : sequence of Mask
-        Masks whose speed limits apply, such as those of the scene; keep-out masks have no effect here.
+        Masks whose speed limits apply, such as the masks of the scene; keep-out masks have no effect here.
 
     Returns
     -------

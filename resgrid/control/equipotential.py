@@ -11,7 +11,10 @@ from resgrid._internal.numbers import NotNegative
 from resgrid.errors import InputError
 
 ALONG = 1e-3
-"""Sine of the angle between contact force and streamline, up to which the robot cannot evade and is in a jam."""
+"""Largest sine of the angle between contact force and streamline for which the robot counts as in a jam.
+
+In a jam it cannot evade the contact along the equipotential.
+"""
 
 
 def equipotential_velocity(
@@ -28,7 +31,7 @@ def equipotential_velocity(
     streamline_velocity : array_like of float, shape (n,)
         ``v_psi``, along the streamline, in axis units per second.
     force : array_like of float, shape (n,)
-        Generalised force ``f`` on the robot.
+        Generalised force ``f`` on the robot, in any unit.
     c : float
         Gain, not negative.
 
@@ -77,7 +80,7 @@ def following_velocity(streamline_velocity: NDArray[np.float64], force: NDArray[
     """Return the velocity along the equipotential to the side of a force, shape (n,), with the gain ``1 / (|v| |f|)``.
 
     `streamline_velocity` (n,): ``v``, per second; `force` (n,): generalised force ``f``.  The length of the result is
-    the streamline speed times the sine of the angle between both vectors; the result is 0 for a sine up to `ALONG`.
+    the streamline speed times the sine of the angle between both vectors; the result is 0 for a sine of at most 1e-3.
     """
     speed, size = math.hypot(*streamline_velocity), math.hypot(*force)
     if speed == 0.0 or size == 0.0:

@@ -32,7 +32,7 @@ def goal_offset(space: ConfigurationSpace, place: Vector, *, sure: bool = True) 
 
     If every configuration of the cell solves the goal, the offset is 0 or, with an inexact position (`sure` is False),
     leads to the centre of the cell.  A target on the border of the cell is moved 2e-9 of a cell inside, so that its
-    cell is unambiguous.  `place` (ndim,): the point, in axis coordinates.
+    cell is unambiguous.  `place` (ndim,): the point, in axis coordinates; `sure`: whether the position is exact.
     """
     cell, local = space.split(place)
     solution = (space.goal_point(cell) - space.lower) / space.spacing - cell
@@ -44,11 +44,11 @@ def goal_offset(space: ConfigurationSpace, place: Vector, *, sure: bool = True) 
 def goal_offsets(space: ConfigurationSpace, place: Vector, *, sure: bool = True) -> list[tuple[CellIndex, Vector]]:
     """Return goal cells near a point, each with the offset (ndim,) to the configuration that solves its goal.
 
-    The cell of the point comes first; those of its face neighbours that have a single such configuration follow in
-    order of distance.  Two cells that share a face form a convex box, so that straight lines between them stay in goal
-    cells.  `place` (ndim,): the point, in axis coordinates; `sure`: whether the position is exact; otherwise, if every
-    configuration of the own cell solves the goal, its offset leads to the centre of the cell.  Offsets are in axis
-    units.
+    Each entry is the index of a cell and the offset.  The cell of the point, which must be a goal cell, comes first.
+    Face neighbours for which a single configuration that solves the goal is known follow in order of distance.  Two
+    cells that share a face form a convex box, so that straight lines between them stay in goal cells.  `place` (ndim,):
+    the point, in axis coordinates; `sure`: whether the position is exact; otherwise, if every configuration of the own
+    cell solves the goal, its offset leads to the centre of the cell.  Offsets are in axis units.
     """
     cell, local = space.split(place)
     own = tuple(cell.tolist())
@@ -68,9 +68,9 @@ def goal_offsets(space: ConfigurationSpace, place: Vector, *, sure: bool = True)
 def exits(space: ConfigurationSpace, place: Vector) -> list[tuple[CellIndex, Vector]]:
     """Return the cells with a path to a goal within `RECOVERY` (2) cells of a point's cell, nearest first.
 
-    Each entry is the index of a cell and the offset (ndim,) from the point to the centre of the cell, in axis units;
-    the order is by its length in cells.  Goal cells count; the cell of the point is left out.  `place` (ndim,): the
-    point, in axis coordinates.
+    Each entry is the index of a cell and the offset (ndim,) from the point to the centre of the cell, in axis units.
+    The order is by the length of the offset in cells.  Goal cells count as cells with a path; the cell of the point is
+    left out.  `place` (ndim,): the point, in axis coordinates.
     """
     cell, local = space.split(place)
     most = int(RECOVERY)

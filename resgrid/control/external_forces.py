@@ -1,4 +1,4 @@
-"""External generalised forces on a robot while it moves."""
+"""External generalised forces on a moving robot: the type, random forces, forces of a scene, and the sum of forces."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def random_forces(
     until : float
         Upper limit of the start times, in seconds.
     size : float
-        Length of each generalised force; only the direction is random.
+        Euclidean norm of each generalised force; only the direction is random.
     duration : float
         Duration of each force, in seconds.
     count : int
@@ -122,8 +122,9 @@ def control_pushes(control: Control, seed: int, space: ConfigurationSpace, speed
 def force_of(pushes: Sequence[ExternalForce] | Force, ndim: int) -> Force:
     """Return external forces as one function from a time (s) and a configuration (ndim,) to a force (ndim,).
 
-    `pushes`: list of forces, which are added where they act at the same time, or such a function; `ndim`: number of
-    axes.  The function raises InputError for a force of another shape or a force that is not finite.
+    A force acts from its start time until its duration has passed. `pushes`: list of forces, which are added where they
+    act at the same time, or a function of time and configuration; `ndim`: number of axes.  A force of another shape or
+    a force that is not finite raises InputError: in a list at once, from a function when the result calls it.
     """
     if callable(pushes):
         return lambda time, configuration: checked_force(pushes(time, configuration), ndim, f"the push at {time:g} s")

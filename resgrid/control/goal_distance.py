@@ -28,8 +28,8 @@ def goal_distance(space: ConfigurationSpace, configuration: Vector, scene: Scene
 
     For a goal in the workspace (a shape or a point) the result is the distance from the robot's reference point (the
     tip of an arm) to the goal, in metres.  For a goal cell or joint angles it is the distance between configurations,
-    in axis units.  Without a scene it is the distance to the configuration that solves the goal in the cell of the
-    configuration; NaN if this cell is not a goal cell.
+    in axis units.  Without a scene, or for a scene without goals, it is the distance in axis units to the configuration
+    that solves the goal in the cell of the configuration; NaN if this cell is not a goal cell.
 
     `space`: map; `configuration` (ndim,): in axis coordinates; `scene`: gives the goals, None for the goal cells of the
     map.

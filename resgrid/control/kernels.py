@@ -23,9 +23,10 @@ _EDGE = 1e-9
 _BORDER = 2e-9
 _CLEARANCE = 3e-9
 _VANISHING = 4e-9
-"""Lengths as fractions of a cell width: `_EDGE`: overshoot beyond a crossed face; `_BORDER`: distance from a face up to
-which a point counts as on the border of its cell; `_CLEARANCE`: distance from the border to which points on it are
-moved; `_VANISHING`: half width of the interval around a zero of a velocity component in which the component is 0.
+"""Lengths as fractions of a cell width: `_EDGE`: overshoot beyond a crossed face; `_BORDER`: largest distance from a
+face at which a point counts as on the border of its cell; `_CLEARANCE`: distance from the border to which points on the
+border are moved; `_VANISHING`: half width of the interval around a zero of a velocity component in which the component
+is set to 0.
 """
 
 _LARGEST_TILT = 1e-3
@@ -47,7 +48,7 @@ class FlowGrid(NamedTuple):
 
 @inner
 def _cell_at(grid: FlowGrid, point: Floats, cell: Integers, local: Floats) -> int:
-    """Find the cell of a point; return a status (`MOVES`, or `OUTSIDE` or `NOT_FINITE` for an invalid point).
+    """Find the cell of a point; return the status `MOVES`, or `OUTSIDE` or `NOT_FINITE` for an invalid point.
 
     `grid`: currents and cells; `point` (n,): configuration in axis coordinates; `cell` (n,): output, index of the cell;
     `local` (n,): output, position in the cell, 0 to 1 along each axis.
@@ -68,7 +69,7 @@ def _cell_at(grid: FlowGrid, point: Floats, cell: Integers, local: Floats) -> in
 
 @inlined
 def _to_face(x: float, velocity: float, spacing: float) -> float:
-    """Return the time until a point lies `_EDGE` of a cell width beyond the face in front of it, along one axis.
+    """Return the time until a point lies 1e-9 of a cell width beyond the face in front of it, along one axis.
 
     `x`: position in the cell, 0 to 1; `velocity`: velocity component along the axis, in axis units per unit of time;
     `spacing`: cell width, in axis units.
@@ -81,9 +82,9 @@ def _along_current(local: Floats, lower: Floats, upper: Floats, spacing: Floats,
     """Compute the unit velocity within a cell; return the length of the longest straight step, -1 without outflow.
 
     Outflow is a current out of the cell through any of its faces.  Each component is linear between its two faces
-    (Pollock 1988).  A component is set to 0 where it is smaller than its change over `_VANISHING` of a cell: the point
-    lies at a zero of the component, and following the rounding error would take thousands of steps that are too short
-    for the coordinates of a robot.
+    (Pollock 1988).  A component is set to 0 where it is at most 4e-9 of the sum of its magnitudes at both faces: the
+    point lies at a zero of the component, and following the rounding error would take thousands of steps that are too
+    short for the coordinates of a robot.
 
     `local` (n,): position in the cell, 0 to 1; `lower, upper` (n,): current through the lower and the upper face of
     each axis, positive along the axis; `spacing` (n,): cell widths; `velocity` (n,): output.  The length is in axis
@@ -136,11 +137,12 @@ def _cross(grid: FlowGrid, cell: Integers, local: Floats, lower: Floats, upper: 
 
 @inner
 def _keep_off(local: Floats, spacing: Floats, farthest: float, velocity: Floats) -> None:
-    """Turn the velocity so that the step ends `_CLEARANCE` of a cell width away from borders without current.
+    """Turn the velocity of a point on a border of its cell so that the step ends slightly inside the cell.
 
-    On such a border the point could lie where two cells meet without a current between them, and belong to either.
-    `local` (n,): position in the cell, 0 to 1; `spacing` (n,): cell widths; `farthest`: length of the step, in axis
-    units; `velocity` (n,): direction, updated.
+    The end lies 3e-9 of a cell width away from the border, along each axis along which the point is on a border. On a
+    border without current the point could belong to either of two cells without a current between them. A turn by more
+    than 1e-3 is omitted. `local` (n,): position in the cell, 0 to 1; `spacing` (n,): cell widths; `farthest`: length of
+    the step, in axis units; `velocity` (n,): direction, updated.
     """
     for axis in range(len(local)):
         inward = 0.0
@@ -241,8 +243,9 @@ def relax(
 ) -> None:  # fmt: skip
     """Apply relaxation sweeps to ``G x = b``, row by row; ``omega = 0`` selects Jacobi sweeps, other values SOR.
 
-    A Jacobi sweep uses old values only, successive over-relaxation (SOR) updated ones.  The solution is nonnegative.
-    Over-relaxation may overshoot and is clipped at 0; projected SOR (Cryer 1971) converges to the same solution.
+    A Jacobi sweep uses only values of the previous sweep; successive over-relaxation (SOR) uses values that this sweep
+    has already updated.  ``b`` and the solution are nonnegative.  Over-relaxation may overshoot and is clipped at 0;
+    this projected SOR (Cryer 1971) converges to the same solution.
 
     `first` (n + 1,), `column` and `coupling`: index pointers, column indices and values of the negated off-diagonal
     part of ``G``, in compressed rows; `diagonal` (n,): diagonal of ``G``; `drive` (n,): ``b``; `omega`: relaxation

@@ -23,21 +23,23 @@ from resgrid.planning.streamline import dead_end_reason
 Vector = NDArray[np.float64]
 
 STALL_LIMIT = 40.0
-"""Distance, in cells, that the robot could have moved while it stayed within half a cell, from which on it has stalled.
+"""Smallest distance, in cells, for which a robot counts as stalled.
+
+It is the distance that the robot could have moved at its commanded speeds while it stayed within half a cell.
 """
 
 DITHERS = 10
-"""Maximum number of small random motions of a stalled robot before it has moved more than half a cell."""
+"""Maximum number of small random motions of a stalled robot; the count restarts after a motion of half a cell."""
 
 SAME = 1e-9
-"""Distance up to which two positions count as equal, as a fraction of the cell width."""
+"""Largest distance of two positions that count as equal, as a fraction of the cell width."""
 
 
 class StallDetector:
     """Detects that a robot stays within half a cell of a place, although its commands would have moved it farther.
 
-    The commanded distance since the last reset, in cells, is compared with `STALL_LIMIT`.  `spacing` (ndim,): cell
-    widths; `place` (ndim,): position at the start; both in axis units.
+    A robot has stalled once the commanded distance since the last restart reaches 40 cells (`STALL_LIMIT`).  `spacing`
+    (ndim,): cell widths; `place` (ndim,): position at the start; both in axis units.
     """
 
     def __init__(self, spacing: Vector, place: Vector) -> None:
@@ -45,14 +47,17 @@ class StallDetector:
         self.reset(place)
 
     def reset(self, place: Vector) -> None:
-        """Restart the detection: set the commanded distance to 0, and the centre to `place` (ndim,), in axis units."""
+        """Restart the detection: set the commanded distance and the number of random motions to 0.
+
+        `place` (ndim,): position, in axis units, from which the motion of the robot is measured from now on.
+        """
         self._anchor, self.crossed, self._dithers = place, 0.0, 0
 
     def update(self, place: Vector, cells: float) -> None:
         """Add a commanded distance to the sum, or restart if the robot has moved more than half a cell along an axis.
 
-        `place` (ndim,): present position, in axis units, compared with that of the last restart; `cells`: distance that
-        the robot could have moved, in cells.
+        `place` (ndim,): present position, in axis units, which is compared with the position at the last restart;
+        `cells`: distance that the robot could have moved in the last step, in cells.
         """
         if np.any(np.abs(place - self._anchor) > 0.5 * self._spacing):
             self.reset(place)
@@ -65,9 +70,9 @@ class StallDetector:
         return self.crossed >= STALL_LIMIT * (1.0 - 1e-9)
 
     def may_dither(self) -> bool:
-        """Return whether another random motion is allowed; if so, count the motion and set the distance to 0.
+        """Return whether another small random motion is allowed; if so, count it and set the commanded distance to 0.
 
-        At most `DITHERS` motions are allowed between two restarts of the detection.
+        At most 10 random motions (`DITHERS`) are allowed between two restarts of the detection.
         """
         if self._dithers >= DITHERS:
             return False
@@ -78,8 +83,8 @@ class StallDetector:
 class Command(NamedTuple):
     """The velocity command of one step, before contacts and external forces.
 
-    `mode`: kind of motion; `velocity` (ndim,): in axis coordinates, per second; `longest`: maximum duration, in
-    seconds.
+    `mode`: kind of motion; `velocity` (ndim,): in axis coordinates, per second; `longest`: maximum duration of the
+    step, in seconds.
     """
 
     mode: ControlMode
@@ -91,7 +96,8 @@ class Navigator:
     """Chooses the command without contact, and records the trail and the cells that the robot could not reach.
 
     The trail is the list of the true configurations that the robot has passed.  `live`: map and controller of the
-    robot; `sensor`: position sensor; `stall`: stall detector.
+    robot; `sensor`: position sensor; `stall`: stall detector. The attribute `exit` is the cell to which the robot moves
+    in a straight line, None for other motions.
     """
 
     def __init__(self, live: LiveMap, sensor: Sensor, stall: StallDetector) -> None:
@@ -129,9 +135,9 @@ class Navigator:
         return Command(ControlMode.STREAMLINE, seen.velocity, seen.longest * float(slowed))
 
     def _to_goal(self, believed: Vector) -> Command | End:
-        """Return the command to the goal in the present goal cell or a neighbour, or the end of the run at the goal.
+        """Return the command to the goal in the present goal cell or a neighbour cell, or the end of a run at the goal.
 
-        A neighbour is tried if the robot could not reach the configuration that solves the goal in its own cell.
+        A neighbour cell is tried if the robot could not reach the configuration that solves the goal in its own cell.
         `believed` (ndim,): configuration according to the sensor, in axis coordinates.
         """
         offsets = goal_offsets(self._live.space, believed, sure=self._sensor.exact)
@@ -145,8 +151,9 @@ class Navigator:
         """Return the command that leads out of a cell without a path to a goal, or the end of a run without way out.
 
         The robot moves back along its trail (the configurations that it has passed) or, if none of them lies in a cell
-        with a path, straight to a near cell with a path.  `believed` (ndim,): configuration according to the sensor;
-        `configuration` (ndim,): true configuration; both in axis coordinates.
+        with a path, straight to a near cell with a path. With noise, or with a bias and an empty trail, it moves
+        straight to the nearest cell with a path, because the measurement may be wrong.  `believed` (ndim,):
+        configuration according to the sensor; `configuration` (ndim,): true configuration; both in axis coordinates.
         """
         if self._cut_off:
             for cell, offset in exits(self._live.space, believed):
@@ -171,8 +178,8 @@ class Navigator:
     def _straight(self, mode: ControlMode, offset: Vector, believed: Vector) -> Command:
         """Return the command of a straight motion at nominal speed, whose maximum duration ends at the target.
 
-        `mode`: kind of motion; `offset` (ndim,): vector from the present configuration to the target; `believed`
-        (ndim,): configuration according to the sensor; both in axis coordinates.
+        `mode`: kind of motion; `offset` (ndim,): vector from the present configuration to the target, not 0; `believed`
+        (ndim,): configuration according to the sensor, at which the speed limits apply; both in axis coordinates.
         """
         controller, length = self._live.controller, float(np.linalg.norm(offset))
         velocity = controller.limited(offset * (controller.speed / length), believed)
@@ -193,9 +200,9 @@ class Navigator:
     def fail(self, mode: ControlMode, configuration: Vector) -> None:
         """Discard the target of a straight motion after a step without progress.
 
-        The target is a cell or, on the way back along the passed configurations (the trail), the last one of these.
-        `mode`: kind of motion of the step; `configuration` (ndim,): present true configuration, in axis coordinates,
-        passed to `give_up_exit`.
+        A target cell is marked as unreachable. On the way back along the trail (the passed configurations), the last
+        configuration of the trail is removed. `mode`: kind of motion of the step; `configuration` (ndim,): present true
+        configuration, in axis coordinates, at which stall detection may restart.
         """
         if self.exit is not None:
             self.give_up_exit(configuration)
@@ -205,8 +212,8 @@ class Navigator:
     def give_up_exit(self, configuration: Vector) -> None:
         """Mark the exit, the cell to which the robot moves in a straight line, as unreachable.
 
-        If no passed configuration has a path, stall detection restarts at `configuration` (ndim,), the present true
-        configuration in axis coordinates.
+        If no passed configuration lies in a cell with a path to a goal, stall detection restarts. `configuration`
+        (ndim,): present true configuration in axis coordinates, at which it restarts.
         """
         assert self.exit is not None
         self._tried.add(self.exit)
@@ -217,8 +224,9 @@ class Navigator:
     def remember(self, mode: ControlMode, before: Vector, after: Vector, *, pushed: bool) -> None:
         """Append the configuration before a step to the trail, the list of configurations for the way back.
 
-        On the way back a configuration is appended only where an external force pushed the robot off the trail. `mode`:
-        kind of motion of the step; `before, after` (ndim,): true configurations before and after the step, in axis
+        On the way back a configuration is appended only where an external force pushed the robot off the trail. With an
+        inexact sensor, none is appended while the robot leaves a cell without a path (mode `RECOVERING`). `mode`: kind
+        of motion of the step; `before, after` (ndim,): true configurations before and after the step, in axis
         coordinates; `pushed`: whether an external force acted in the step.
         """
         away = np.abs(after - self._trail[-1]) if self._trail else np.zeros_like(before)
@@ -230,9 +238,9 @@ class Navigator:
     def learnt(self, configuration: Vector) -> End | None:
         """Forget the exit and the unreachable cells after a map update; return the end of the run, or None.
 
-        The run continues if some configuration that the robot has passed, or the present one, lies in a cell with a
-        path to a goal or within 2 cells of such a cell.  `configuration` (ndim,): present true configuration, in axis
-        coordinates.
+        The run ends if no goal cell is left. It also ends if no configuration that the robot has passed, nor the
+        present configuration, lies in a cell with a path to a goal or within 2 cells of such a cell.  `configuration`
+        (ndim,): present true configuration, in axis coordinates.
         """
         self._tried, self.exit = set(), None
         space = self._live.space

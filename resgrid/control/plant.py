@@ -1,4 +1,4 @@
-"""The simulated plant: the robot's true body among all true obstacles, also those that its map lacks."""
+"""The simulated plant: the robot's true body among all true obstacles, also obstacles that the robot's map lacks."""
 
 from __future__ import annotations
 
@@ -21,9 +21,10 @@ from resgrid.scene.scene import Scene
 from resgrid.scene.world_coordinates import to_space
 
 INSIDE = 1e-6
-"""Depth of the point that a contact marks as inside of an obstacle, below the touched surface.
+"""Depth below the touched surface of the point that a contact proves to lie inside an obstacle.
 
-The depth is a fraction of the robot's largest motion across a cell.  Obstacles must be thicker.
+The depth is given as a fraction of the robot's largest motion across a cell.  Obstacles must be thicker than this
+depth.
 """
 
 PAIR = np.dtype(
@@ -42,7 +43,10 @@ of the robot (the link of an arm); `body`: index of the obstacle.
 _CAPACITY = 64
 """Initial length of the array of near-point pairs, which grows as needed."""
 _SPLIT = 4
-"""Number of pieces into which a line in configuration space is divided if its collision test is undecided."""
+"""Number of pieces into which a line in configuration space is divided if its collision test is undecided.
+
+The test is undecided if the robot moves farther on the line than the sum of the gaps at both ends.
+"""
 _LEVELS = 10
 """Maximum number of levels at which lines in configuration space are tested and divided; lines that are still undecided
 then count as free.
@@ -58,8 +62,9 @@ class Plant:
     """A robot and the true obstacles.
 
     `robot`: a plane robot (point, disc, polygon or arm); `axes`: axes of the configuration space; the ends of an axis
-    that is not periodic are mechanical stops; `obstacles`: all obstacles in axis coordinates of the workspace, those of
-    the map first; `known`: number of obstacles in the map; `frame`: position and direction of the axes in the world.
+    that is not periodic are mechanical stops; `obstacles`: all obstacles in axis coordinates of the workspace, the
+    obstacles of the robot's map first; `known`: number of obstacles in the map; the others are hidden; `frame`:
+    position and direction of the axes in the world.
     """
 
     robot: Robot
@@ -105,7 +110,8 @@ class Plant:
     def free_fraction(self, pose: Pose, motion: NDArray[np.float64], least: float) -> float:
         """Return a fraction (0 to 1) of a straight motion on which every gap provably stays at least `least` metres.
 
-        `pose`: pose of the robot at the start; `motion` (ndim,): offset of the configuration, in axis units.
+        The motion is straight in configuration space; gaps are distances between robot and obstacles. `pose`: pose of
+        the robot at the start; `motion` (ndim,): offset of the configuration, in axis units; `least`: smallest gap.
         """
         from resgrid.control import contact_kernels
 
@@ -138,9 +144,10 @@ class Plant:
         """Return the mask of the cells that the conservative rule blocks for one workspace point, shape of the space.
 
         The rule blocks a cell if the robot may touch the point at any configuration in the cell.  If the point belongs
-        to an obstacle, each of these cells is an obstacle cell by that rule.  A contact at the point proves nothing
-        about other cells (Connolly & Grupen 1992, section 7, figure 19).  Cells of `self_blocked` are left out.
-        `point` (2,): in axis coordinates of the workspace, in metres.
+        to an obstacle, each cell of the mask is therefore an obstacle cell of the true map.  A contact at the point
+        proves nothing about other cells (Connolly & Grupen 1992, section 7, figure 19).  Cells that are obstacle cells
+        even without obstacles (`self_blocked`) are left out. `point` (2,): in axis coordinates of the workspace, in
+        metres.
         """
         place = tuple(np.asarray(point, dtype=np.float64).tolist())
         return self.robot.occupancy(self.axes, [Ball(place, 0.0)], "conservative") & ~self.self_blocked
@@ -234,12 +241,12 @@ class Plant:
 
     @cached_property
     def _solids(self) -> list[Obstacle]:
-        """The obstacles as shapely geometries, each with a radius by which the geometry is thickened."""
+        """The obstacles as shapely geometries (cores) in metres, each with a radius by which the core is thickened."""
         return obstacles_of(self.obstacles, self.robot.workspace_axes(self.axes))
 
 
 def plant_of(scene: Scene) -> Plant:
-    """Return the plant of a scene with all its obstacles, hidden ones included.
+    """Return the plant of a scene: its robot with all its obstacles, those of the map and hidden ones.
 
     Raises InputError for a scene outside the plane, or with a hidden obstacle without an area.
     """
@@ -280,10 +287,11 @@ def make_plant(
 
 
 def _core_depth(cores: NDArray[Any], solid: Any) -> NDArray[np.float64]:
-    """Return the depth of a rigid body of the robot inside an obstacle, at sampled points, shape (n,), in metres.
+    """Return the depth of a rigid body of the robot inside an obstacle, shape (n,), in metres; 0 without an overlap.
 
-    `cores` (n,): shapely geometries of the body without its radius, one per configuration; `solid`: shapely geometry of
-    the obstacle without its radius.
+    It is the largest distance from the obstacle's boundary of sampled points on the border of the overlap. `cores`
+    (n,): shapely geometries of the body without its radius, one per configuration; `solid`: shapely geometry of the
+    obstacle without its radius.
     """
     import shapely
 

@@ -48,14 +48,17 @@ _SETTLED = 1e-6
 """
 
 _DIRECT = 100_000
-"""Maximum number of unknowns (circuit nodes without a source) for the direct solver; beyond it the solver is "auto"."""
+"""Largest number of unknowns (circuit nodes without a source) for the direct solver.
+
+Larger circuits use the solver "auto".
+"""
 
 Vector = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Relaxation:
-    """Mechanism and speed of the settling of a grid.
+    """Mechanism and speed of the settling of a grid after a change of the map.
 
     `method`: ``"jacobi"`` (Jacobi sweeps), ``"sor"`` (sweeps of successive over-relaxation), or ``"chip"`` (the
     transient with a capacitor at every node); `pace`: number of sweeps or, for a chip, of time units ``R C`` (one
@@ -97,8 +100,9 @@ class RelaxingGrid:
     def advance(self, cells: float) -> bool:
         """Continue settling for the time in which the robot at nominal speed crosses a number of cells.
 
-        Returns whether a sweep or time step was taken; a remaining fraction of a step counts in the next call.
-        `cells`: number of cells, which need not be whole.
+        Returns whether voltages changed: False if no whole sweep or time step was due, or the grid has settled. A
+        remaining fraction of a sweep or step counts in the next call. `cells`: number of cells, which need not be
+        whole.
         """
         self._pending += cells * (self.relaxation.pace if self.relaxation.method != "chip" else 1.0 / TICK)
         due = int(self._pending * (1 + 1e-12))
@@ -132,7 +136,8 @@ class RelaxingGrid:
     def _shown(self, voltages: list[Vector]) -> Field:
         """Return the field of node voltages; for a blend, combine the Dirichlet and the Neumann field.
 
-        `voltages`: for each circuit the node voltages, shape (nodes,), in volts.
+        `voltages`: node voltages of each circuit, shape (nodes,), in volts; a blend has two circuits (Dirichlet, then
+        Neumann), other fields have one.
         """
         fields = [field_now(part.netlist, volts) for part, volts in zip(self._parts, voltages, strict=True)]
         return fields[0] if len(fields) == 1 else blend(fields[0], fields[1], self.before.k)
@@ -141,9 +146,9 @@ class RelaxingGrid:
 class _SettlingCircuit:
     """One circuit during its transition to the operating point.
 
-    `relaxation`: mechanism and speed of settling; `wiring`: rules that turn the space into a circuit; `space`: the map;
-    `cells`: voltages of the cells at the start (shape of the space, in volts; NaN for unknown, which starts at 0 V), or
-    None to start at the operating point.
+    The resistances are scaled to 1 ohm and the rails to 0 V and 1 V. `relaxation`: mechanism and speed of settling;
+    `wiring`: rules that turn the space into a circuit; `space`: the map; `cells`: voltages of the cells at the start
+    (shape of the space, in volts; NaN for unknown, which starts at 0 V), or None to start at the operating point.
     """
 
     def __init__(
@@ -235,9 +240,10 @@ def _compiled(wiring: Wiring, space: ConfigurationSpace) -> Netlist:
 
 
 def field_now(netlist: Netlist, voltage: Vector) -> Field:
-    """Return the field of node voltages that need not satisfy Kirchhoff's current law.
+    """Return the field (potentials and face currents) of node voltages that need not satisfy Kirchhoff's current law.
 
-    `netlist`: compiled netlist with cells; `voltage` (nodes,): node voltages, in volts.
+    With a uniform drive the potential is scaled to a maximum of 1. `netlist`: compiled netlist with cells; `voltage`
+    (nodes,): node voltages, in volts.
     """
     cells = netlist.cells
     height = voltage - cells.wiring.goal_voltage

@@ -1,4 +1,4 @@
-"""The result of a controlled motion: a record of every step, every contact and every update of the map."""
+"""The result of a controlled motion: the type `Run`, the types of its fields, and the recorder of its steps."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from resgrid.scene.scene import Scene
 Vector = NDArray[np.float64]
 
 _AT_GOAL = 1e-8
-"""Distance from a goal below which the robot counts as inside the goal, as a fraction of a length.  The length is the
-robot's largest motion across a cell (metres) plus the cell diagonal (axis units).
+"""Largest distance from a goal at which the robot counts as inside the goal, as a fraction of a length.  The length is
+the robot's largest motion across a cell (metres) plus the cell diagonal (axis units).
 """
 
 
@@ -50,7 +50,7 @@ class ControlMode(IntEnum):
     JAM = 5
     """The contact force lies along the streamline, so that motion along the equipotential is impossible."""
     LEARNING = 6
-    """The robot stood still while touched cells became obstacles of the map and the field was solved again."""
+    """The robot stood still while contacts added obstacle cells to the map, and the field was solved again."""
     RETREATING = 7
     """The robot moved back along its path, to a cell with a path to a goal."""
     RECOVERING = 8
@@ -99,7 +99,7 @@ class TerminationReason(StrEnum):
 
 
 class End(NamedTuple):
-    """Termination reason of a run, and a sentence that explains it."""
+    """Termination reason of a run (`ending`), and a sentence that explains the reason (`message`)."""
 
     ending: TerminationReason
     message: str
@@ -193,7 +193,8 @@ class Run:
     message : str
         A sentence on the end.
     goal : int or None
-        Number of the goal region that contains the true configuration at the end; None if the robot did not arrive.
+        Number of the goal region, from 0, that contains the true configuration at the end; None if the robot did not
+        arrive.
     time : ndarray of float64, shape (n,)
         Time of each row since the start of the run, in seconds.  A row is the beginning of a step; the last row is the
         end of the run.
@@ -205,8 +206,8 @@ class Run:
     mode : ndarray of uint8, shape (n,)
         Values of `ControlMode`.
     torque, push : ndarray of float64, shape (n, ndim)
-        Generalised forces on the robot: of all contacts, and external ones.  For a point or a disc these are forces in
-        world coordinates, for an arm joint torques.
+        Generalised forces on the robot in the step: `torque` is the force of all contacts, `push` the external force.
+        For a point or a disc these are forces in world coordinates, for an arm joint torques.
     contacts : ContactLog
         All contacts with a force.
     lessons : tuple of MapUpdate
@@ -222,7 +223,8 @@ class Run:
         configurations, in axis units; NaN outside all goal cells of a run without a scene.  A robot that does not know
         its configuration exactly may arrive in a goal cell and still be outside the goal.
     unsolved : int
-        Number of steps in which no contact forces could be computed, and the robot stood still.
+        Number of steps in which the robot stood still, because rounding errors prevented a solution for the contact
+        forces.
     scene : Scene or None
         The scene of the motion; None for a simulation that was made without a scene.
     learnt : ndarray of bool, shape of the space
@@ -286,7 +288,7 @@ class Recorder:
 
     @property
     def last_mode(self) -> ControlMode:
-        """Mode of the last recorded step; `STREAMLINE` before the first."""
+        """Mode of the last recorded step; `STREAMLINE` before the first step."""
         return self._rows[-1][4] if self._rows else ControlMode.STREAMLINE
 
     def add(

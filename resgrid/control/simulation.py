@@ -1,4 +1,4 @@
-"""Simulation of a robot under harmonic control among its true obstacles, step by step."""
+"""The type `Simulation`, a robot under harmonic control among its true obstacles, and its builder `simulation`."""
 
 from __future__ import annotations
 
@@ -48,7 +48,8 @@ class Simulation:
     friction : float
         Coefficient mu of Coulomb friction of all contacts.
     learn : bool
-        Whether contacts add obstacle cells to the map.
+        Whether contacts add obstacle cells to the map.  If False, the map never changes, and the robot only slides
+        along or sticks to obstacles that the map lacks.
     step : float
         Largest motion along an axis in one step, as a fraction of a cell.  No point of the robot then moves farther
         than this fraction of its largest motion across a cell.
@@ -113,9 +114,9 @@ class Simulation:
         conservative rule finds a true obstacle (`Plant.proven_cells`), so that a start with a path in the conservative
         map of the true world never loses it.  After an update the robot moves back along its path, which is free, to
         the last cell that still has a path.  That cell exists unless the start's own cell has no path left.  In that
-        case the robot tries the cells with a path within 2 cells, straight and one by one.  Only if none can
-        be reached does the run end without a path: the start's own cell contains an obstacle, or the obstacle cells
-        separate it from every goal.
+        case the robot tries the cells with a path within 2 cells, straight and one by one.  Only if none can be reached
+        does the run end without a path: the start's own cell contains an obstacle, or the obstacle cells separate it
+        from every goal.
 
         The robot is solid: it never enters an obstacle, for any force, step and cell size.  A robot that touches an
         obstacle at the start is moved away by 1e-8 m; a start that is inside by more than 1e-9 m is an error.  The
@@ -131,9 +132,10 @@ class Simulation:
         pushes : sequence of ExternalForce or callable, optional
             External generalised forces, as a list or a function of time and configuration; ``()`` for none.
         bias : array_like of float, shape () or (n,), optional
-            Constant error of the measured configuration, in world coordinates.
+            Constant error of the measured configuration, in world coordinates; one number for all.
         noise : array_like of float, shape () or (n,), optional
-            Largest additional random error of the measured configuration in each step, in world coordinates.
+            Largest magnitude of an additional random error of the measured configuration, in world coordinates; one
+            number for all.  The error is uniformly distributed, and new in each step.
         seed : int, optional
             Seed of all random numbers; the same seed gives the same run.
         max_steps : int, optional
@@ -207,7 +209,10 @@ class Simulation:
 
 
 MARGIN = 5e-3
-"""Gap at which a contact begins, as a fraction of `Plant.cell_motion` (the robot's largest motion across a cell)."""
+"""Gap between robot and obstacle at which a contact begins, as a fraction of the robot's largest motion across a cell.
+
+That motion is `Plant.cell_motion`, in metres.
+"""
 
 
 def simulation(
@@ -231,13 +236,14 @@ def simulation(
     Parameters
     ----------
     scene : Scene
-        A scene in the plane; its ``control`` (`resgrid.control.Control`) has the defaults of all other parameters.
+        A scene in the plane.  Its ``control`` (`resgrid.control.Control`) gives the value of every parameter that is
+        None, except `field`.
     k : float, optional
-        Weight of the Dirichlet field, in [0, 1].
+        Weight of the Dirichlet field, in [0, 1].  Without effect if `field` is given.
     speed : float, optional
         Nominal speed, in world coordinates per second.
     admittance : array_like of float, shape (n, n), (n * n,), (n,) or (), optional
-        Velocity per unit force: a matrix (flat: row by row), its diagonal, or one number for all axes.
+        Velocity per unit force, for n axes: a matrix (flat: row by row), its diagonal, or one number for all axes.
     speed_limits : array_like of float, shape (n,) or (), optional
         Largest speed of each world coordinate, per second.
     response : {"equipotential", "admittance"}, optional
@@ -245,17 +251,20 @@ def simulation(
     friction : float, optional
         Coefficient of Coulomb friction of all contacts, at most 1e6.
     learn : bool, optional
-        Whether touched cells become obstacles of the map.
+        Whether cells in which a contact proves an obstacle become obstacles of the map.
     step : float, optional
         Largest motion along an axis in one step, as a fraction of a cell; at most 0.5.
     settle : {"chip", "jacobi", "sor"}, optional
-        Mechanism by which the grid settles while the robot moves (`Relaxation`); without a value it settles at once.
+        Mechanism by which the grid settles while the robot moves: RC transient of a chip, Jacobi sweeps, or successive
+        over-relaxation.  If neither this parameter nor the scene gives a mechanism, the grid settles at once, or with
+        `announce` as a "chip".
     pace : float, optional
         Number of sweeps, or of time units RC of a chip, while the robot at nominal speed crosses a cell.
     announce : bool, optional
-        Whether hidden obstacles appear on the map at time 0, at which the grid begins to settle.
+        True: hidden obstacles enter the map at time 0, the grid begins to settle, and contacts do not change the map.
+        False: the map lacks hidden obstacles until contacts prove them.
     field : Field, optional
-        The field of the scene's map, if it has been solved already.
+        The field of the scene's map, if it has been solved already; by default the map is solved.
 
     Returns
     -------
@@ -313,11 +322,12 @@ def announce_hidden(sim: Simulation, relaxation: Relaxation) -> Simulation:
 def arrival(
     end: End, space: ConfigurationSpace, configuration: NDArray[np.float64], believed: NDArray[np.float64]
 ) -> tuple[End, int | None]:
-    """Return the end of a run at a goal according to the sensor, and the number of the goal region, or None.
+    """Return the end of a run whose sensor reports a goal, and the number of the goal region, or None.
 
-    If the true configuration is in no goal cell, the end is `TerminationReason.MISSED` and the number None; otherwise
-    the end is the argument `end`.  `space`: map; `configuration`, `believed` (ndim,): true configuration, and
-    configuration according to the sensor, in axis coordinates.
+    If the true configuration is in no goal cell, the reason of the end is `TerminationReason.MISSED` and the number is
+    None; otherwise the result is the argument `end` and the number of the region of that cell.  `space`: map;
+    `configuration`, `believed` (ndim,): true configuration, and configuration according to the sensor, in axis
+    coordinates.
     """
     region = int(space.goal_region[tuple(space.split(configuration)[0])])
     if region >= 0:

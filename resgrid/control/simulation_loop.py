@@ -18,11 +18,14 @@ from resgrid.core.cell import Cell
 Vector = NDArray[np.float64]
 
 _PROGRESS = 0.1
-"""Scalar product of velocity and command of a step, both divided by the command's largest component, above which the
-step counts as progress.
+"""Limit of the scalar product of a step's velocity and its command; a step with a larger product counts as progress.
+
+Both vectors are divided by the largest component of the command.
 """
 _HUGE = 1e100
-"""Factor by which a command must exceed the speed limits so that contacts are solved for the limited command instead.
+"""Smallest factor between a command and its limited value for which contacts are solved for the limited command.
+
+With a smaller factor, contacts are solved for the command before the speed limits.
 """
 
 
@@ -132,9 +135,10 @@ class Loop:
     def _contacts(self, around: Surroundings, velocity: Vector, pause: float) -> ContactSet | None:
         """Return the contacts and their forces at a commanded velocity, or None without contacts.
 
-        The speed limits later reduce the whole velocity by a factor, including the rates at which gaps open; the
-        duration is multiplied by this factor to compensate. `around`: pairs of near points; `velocity` (ndim,): command
-        in axis coordinates, per second, before the speed limits; `pause`: duration of the step, in seconds.
+        The speed limits later divide the whole velocity by a factor, and with it the rates at which gaps open.
+        Therefore the contacts are computed for a duration that is shorter by this factor. `around`: pairs of near
+        points; `velocity` (ndim,): command in axis coordinates, per second, before the speed limits; `pause`: duration
+        of the step, in seconds.
         """
         controller = self.live.controller
         limited = controller.limited(velocity, self.believed)
@@ -146,10 +150,11 @@ class Loop:
     def _check_progress(self, mode: ControlMode, cells: float, pushed: bool, seen: Nominal) -> End | None:
         """Return the end of a run that makes no progress, else None.
 
-        A run ends if the robot has stalled or has waited too long for a grid to settle.  A robot that has stalled first
-        gives up its target cell, or makes a small random motion. `mode`: kind of motion of the step; `cells`: distance
-        that the step could have covered, in cells; `pushed`: whether an external force acted; `seen`: nominal motion at
-        the measured configuration.
+        A robot has stalled if it stays within half a cell although it could have crossed 40 cells. It then gives up its
+        target cell or, with learning, makes a small random motion, at most ten times; otherwise the run ends. A run
+        also ends if the robot has waited too long for a grid to settle. `mode`: kind of motion of the step; `cells`:
+        distance that the step could have covered, in cells; `pushed`: whether an external force acted; `seen`: nominal
+        motion at the measured configuration.
         """
         stall, place, grid = self.stall, self.body.configuration, self.live.grid
         if pushed:
@@ -235,9 +240,10 @@ class Loop:
     ) -> End | None:
         """Stand still for a step, mark cells as obstacles, and solve the new map; return the end of the run, or None.
 
-        The run ends if no configuration of the robot's trail has a path to a goal any more.  `cells`: mask of the new
-        obstacle cells (shape of the space); `points` (p, 2): touched points, in metres; `contacts`: contacts of the
-        step; `push` (ndim,): external generalised force; `pause`: duration of the step, in seconds.
+        The run ends if no goal cell is left, or if neither the trail (the configurations that the robot has passed) nor
+        the present configuration is in a cell with a path to a goal or within 2 cells of such a cell.  `cells`: mask of
+        the new obstacle cells (shape of the space); `points` (p, 2): touched points, in metres; `contacts`: contacts of
+        the step; `push` (ndim,): external generalised force; `pause`: duration of the step, in seconds.
         """
         place, none = self.body.configuration, np.zeros_like(self.torque)
         world = self.live.space.frame.to_world(points)

@@ -1,4 +1,4 @@
-"""The robot's knowledge in a simulation: its measured configuration, and its map with the field."""
+"""The robot's knowledge in a simulation: its position sensor, and its map with the controller and field of the map."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Sensor:
 
 
 class LiveMap:
-    """The robot's map and the controller on its field, which is solved at once or on a settling grid.
+    """The robot's map, and the controller that follows the map's field, solved at once or on a settling grid.
 
     `controller`: controller with the field of the initial map; `grid`: grid whose voltages settle while the robot
     moves, None for a field that is solved at once.

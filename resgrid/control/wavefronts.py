@@ -1,4 +1,4 @@
-"""Wavefronts: propagation of a change of the map through the potential of the grid."""
+"""Propagation of a change of the map through the potential of a settling grid: `Wavefront` and `wavefront`."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from resgrid.errors import InputError
 @frozen
 @dataclass(frozen=True, eq=False)
 class Wavefront:
-    """Propagation of a change of the map through the grid.
+    """Propagation of a change of the map through the potential of a settling grid.
 
     Returned by `resgrid.control.wavefront`.
 
@@ -56,12 +56,13 @@ class Wavefront:
 
 
 def wavefront(simulation: Simulation, cells: NDArray[np.float64]) -> Wavefront:
-    """Compute the propagation of a change of the map through the grid.
+    """Compute the propagation of a change of the map through the potential of a settling grid.
 
     Parameters
     ----------
     simulation : Simulation
-        A simulation in the plane, made with ``announce=True`` and a value of ``settle``.
+        A simulation in the plane, made with ``announce=True``: the hidden obstacles enter the map at time 0.  Its
+        ``settle`` and ``pace`` give the mechanism and the speed of settling.
     cells : ndarray of float64, shape (t,)
         Times since the change, as numbers of cells that the robot at nominal speed could have crossed, ascending.
 

@@ -23,17 +23,17 @@ VOLTAGES = "expected_voltages.csv"
 """File name of the list with the expected voltage of every test pad."""
 
 VOLTAGE_DIGITS = 6
-"""Number of digits after the decimal point of the voltages in the list, in volts."""
+"""Number of digits after the decimal point of the voltages in the list of expected voltages; voltages are in volts."""
 
 SPARE = 0.05
-"""Fraction of the number of resistors to order in addition, since some are lost while soldering."""
+"""Number of spare resistors to order, as a fraction of the number on the board; some are lost while soldering."""
 
 
 def bill_rows(board: Board) -> list[tuple[str, int, str, str, str, str]]:
     """Return the rows of the bill of materials, one for each kind of part.
 
-    A row contains the references of the parts as text (`reference_ranges`), the quantity, and as text value, package,
-    tolerance and description; package and tolerance are empty where a kind of part has none.
+    A row contains the references of the parts as text such as ``R1-R3 R7``, the quantity, and as texts the value, the
+    package, the tolerance and the description. Package and tolerance are empty for a kind of part without them.
     """
     by_value: dict[float, list[str]] = {}
     for part in board.circuit.resistors:
@@ -71,7 +71,10 @@ def reference_ranges(references: Iterable[str]) -> str:
 
 
 def format_bill(board: Board) -> str:
-    """Return the bill of materials as CSV text, with the columns of `bill_rows`."""
+    """Return the bill of materials as CSV text, with one line for each kind of part.
+
+    The columns are references, quantity, value, package, tolerance and description.
+    """
     names = ("references", "quantity", "value", "package", "tolerance", "description")
     return _csv(names, bill_rows(board))
 
@@ -79,8 +82,10 @@ def format_bill(board: Board) -> str:
 def format_voltages(board: Board) -> str:
     """Return the expected voltage of every test pad as CSV text.
 
-    A line also contains the cell of the pad (column, row, world coordinates of its centre, kind), the net of the pad,
-    and the pin of a converter header on this net, such as J3.2; the pin is empty if no header has the net.
+    A line contains the reference of the pad; its cell (column from the left, row from the bottom, world coordinates of
+    the cell's centre, and kind: free, obstacle or goal); its net; the voltage against ground, in volts; and the pin of
+    a converter header on this net, such as J3.2. A converter header is a pin header for an analogue-to-digital
+    converter; the pin is empty if no converter header has the net.
     """
     circuit, space = board.circuit, board.circuit.space
     pins = {

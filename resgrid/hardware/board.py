@@ -1,4 +1,4 @@
-"""Boards: a scene or space as a printed circuit with resistors, from its circuit to the files of a KiCad project."""
+"""The type `Board`, a printed circuit board that realises a resistor grid, and its builder `build_board`."""
 
 from __future__ import annotations
 
@@ -39,13 +39,19 @@ REVISION = "A"
 """Revision letter that is printed on the board and stated in its files."""
 
 BITS = 10
-"""Resolution, in bits, of the converter for which the yield is predicted unless the scene describes one."""
+"""Assumed resolution of the converter that reads the voltages, in bits, if the scene states no resolution.
+
+The yield of boards is predicted for this converter.
+"""
 
 _RESOLUTIONS = (12, 16)
-"""Resolutions of the converter, in bits, for which the yield is predicted in addition to that of the scene."""
+"""Resolutions of the converter, in bits, for which the yield is predicted in addition to the scene's resolution."""
 
 _TRIALS, _MANY_CELLS = 128, 400
-"""Number of simulated boards for `Board.predicted_yields`; above `_MANY_CELLS` cells, a third of this number."""
+"""Largest number of simulated boards for each resolution in `Board.predicted_yields`, and a number of grid cells.
+
+A grid of more than `_MANY_CELLS` cells gets a third of the boards.
+"""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -65,9 +71,10 @@ class Board:
     tolerance : float
         Tolerance of the resistors, as a fraction of their nominal values.
     starts : tuple of tuple of int
-        Cells (column, row) of the scene's starts, which a board of kind "fixed" marks; empty without starts.
+        Cells (column, row) of the scene's starts, row 0 at the bottom; empty without starts.  A board of kind "fixed"
+        has the word START printed at these cells.
     readout : Readout
-        Converter that reads the voltages, for the predicted yield.
+        Analogue-to-digital converter that reads the voltages; the predicted yield depends on it.
     kind : {"fixed", "jumpers"}
         Whether the board serves one scene, or every scene of its size.
     size : tuple of float
@@ -137,7 +144,10 @@ class Board:
 
     @property
     def mismatch(self) -> float:
-        """Standard deviation of a resistance that is uniform within the tolerance, as a fraction of the nominal one."""
+        """Standard deviation of a resistance, as a fraction of the nominal value: ``tolerance / sqrt(3)``.
+
+        The resistances are assumed to be uniformly distributed within the tolerance.
+        """
         return self.tolerance / sqrt(3.0)
 
     def yields(self, *, trials: Count = 400, bits: Annotated[int, Ge(1), Le(32)] | None = None) -> Yield:
@@ -149,14 +159,14 @@ class Board:
             Largest number of simulated boards; the simulation ends earlier once half the width of the yield's interval
             of 95 % confidence is at most 0.01.
         bits : int, optional
-            Resolution of the converter, 1 to 32; by default that of `readout`.
+            Resolution of the converter, 1 to 32; by default the resolution of the board's `readout`.
 
         Returns
         -------
         Yield
-            Fraction of the starts from which a robot that sees only the voltages of `readout` reaches a goal; starts
-            are all free cells with a path to a goal.  The resistances have the standard deviation
-            ``tolerance / sqrt(3)``.
+            Fraction of the simulated boards on which a simulated robot reaches a goal, for every start and over all
+            starts.  The robot sees only the voltages that the converter reports.  Starts are all free cells with a path
+            to a goal.  The resistances have the standard deviation ``tolerance / sqrt(3)`` of their nominal values.
         """
         wiring = self.circuit.wiring
         readout = self.readout if bits is None else replace(self.readout, bits=bits)
@@ -165,10 +175,10 @@ class Board:
 
     @cached_property
     def predicted_yields(self) -> dict[int, Proportion]:
-        """Fraction of the starts from which a simulated robot reaches a goal, by the converter's resolution in bits.
+        """Fraction of starts on simulated boards that reach a goal, by the converter's resolution in bits.
 
-        Starts are all free cells with a path to a goal. The resolutions are 12 and 16 bits and that of `readout`. Each
-        fraction has a confidence interval.
+        Every simulated board is tried from all starts: all free cells with a path to a goal. The resolutions are 12 and
+        16 bits and the resolution of `readout`. Each fraction has a confidence interval.
         """
         trials = _TRIALS if self.circuit.space.cell.size <= _MANY_CELLS else _TRIALS // 3
         resolutions = sorted({self.readout.bits or BITS, *_RESOLUTIONS})
@@ -179,7 +189,7 @@ class Board:
         """Pads that solder joins on each solder jumper in this scene, as pad numbers by reference of the jumper.
 
         Pads 1 and 2 tie the cell to the obstacle rail, pads 2 and 3 to the goal rail. A jumper of a free cell has no
-        entry.
+        entry. A board of kind "fixed" has no solder jumpers, so that the dictionary is empty.
         """
         pads = {Cell.OBSTACLE: (1, 2), Cell.GOAL: (2, 3)}
         cells = self.circuit.space.cell
@@ -228,7 +238,10 @@ class Board:
 
     @property
     def subtitle(self) -> str:
-        """Second line of the board's title: number of cells, boundary condition, resistances and revision."""
+        """Second line of the board's title: numbers of cells, boundary condition, resistances and revision.
+
+        A board of kind "jumpers" has the words "any scene" in place of the boundary condition.
+        """
         wiring = self.circuit.wiring
         values = sorted({part.ohms for part in self.circuit.resistors})
         span = resistance_text(values[0])
@@ -282,9 +295,10 @@ def build_board(
     tolerance : float
         Tolerance of the resistors, as a fraction of their nominal values.
     space : ConfigurationSpace, optional
-        The space of the scene, if it was built before.
+        The space of the scene, if it was built before; by default it is built.  Only with a scene as `source`.
     wiring : Wiring, optional
-        Boundary conditions, resistance and supply; by default those of the scene.
+        Boundary conditions, resistance and supply; by default those of the scene, or for a space the defaults of
+        `Wiring`.
     **options
         Fields of `Wiring`, such as ``boundary="wall"``: instead of `wiring`, or as changes to it.
 
@@ -296,8 +310,10 @@ def build_board(
     Raises
     ------
     InputError
-        If a board cannot realise the space or the wiring: other than two axes, a periodic axis, a uniform drive; for
-        jumpers also unequal conductivities, or a boundary other than "dirichlet".
+        If a board cannot realise the space or the wiring: other than two axes of 3 to 64 cells, a periodic axis, a
+        uniform drive, a leak, a negative supply, or a goal voltage other than 0; for jumpers also unequal
+        conductivities, or a boundary other than "dirichlet".  Also if a resistor has a resistance or power outside the
+        range of size 0603, the pitch is outside its range, or the goal regions leave no room for their tracks.
     CircuitError
         If no current flows.
 

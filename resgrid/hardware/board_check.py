@@ -25,16 +25,16 @@ from resgrid.hardware.tools import TIMEOUT, find_kicad
 from resgrid.scene.quantities import parse_quantity
 
 TOLERANCE = 1e-9
-"""Default limit of the absolute error of a net's voltage, as a fraction of the supply."""
+"""Default of the largest accepted absolute error of a net's voltage, as a fraction of the supply voltage."""
 
 
 @dataclass
 class _Work:
     """Results that the stages of a verification collect.
 
-    `findings`: messages about differences; `remarks`: messages about stages that could not be done, and warnings;
-    `voltages`: comparisons of voltages; `tools`: version of each outside program by its name; `complete`: whether every
-    stage was done.
+    `findings`: messages about differences from the record, and about violated rules; `remarks`: messages about stages
+    that could not be done, and warnings; `voltages`: comparisons of the record's voltages with those of other circuits;
+    `tools`: version of each outside program by its name; `complete`: whether every stage was done.
     """
 
     findings: list[str] = field(default_factory=list)
@@ -50,11 +50,12 @@ def check_board(
     """Verify a board by outside programs, and return the differences from its record.
 
     kicad-cli checks the rules of board and schematic, and writes IPC-D-356, Gerber, drill and placement files and a
-    SPICE netlist.  Four circuits are compared with the record beside the board, part by part and net by net: the nets
-    that the board file states (IPC-D-356), the nets that the copper of the Gerber and drill files connects, the
-    schematic (SPICE netlist), and the values on the board.  The voltages of the connected copper (by `resgrid.solve`)
-    and of the SPICE netlist (by ngspice) are compared with the record's voltages.  The bill of materials and the list
-    of expected voltages are compared with the record if they lie next to the board.
+    SPICE netlist.  The record beside the board is a JSON file that lists the intended parts, nets and voltages.  Four
+    results are compared with the record, part by part and net by net: the nets that the board file states (IPC-D-356),
+    the nets that the copper of the Gerber and drill files connects, the schematic (SPICE netlist), and the values on
+    the board.  The voltages of the connected copper (by `resgrid.solve`) and of the SPICE netlist (by ngspice) are
+    compared with the record's voltages, and these with the solution of the record's own circuit.  The bill of
+    materials, the list of expected voltages and the archive ``gerbers.zip`` are compared if they lie next to the board.
 
     Parameters
     ----------
@@ -68,7 +69,7 @@ def check_board(
     Returns
     -------
     HardwareCheck
-        Findings with their places.  Without kicad-cli or ngspice the board is not verified.
+        Findings with their places.  `verified` is False without kicad-cli, without ngspice, or without a schematic.
 
     Raises
     ------
@@ -128,7 +129,7 @@ def find_board(path: Path) -> Path:
 def _check_record(work: _Work, record: HardwareRecord, tolerance: float) -> None:
     """Add a finding for each voltage in a record that differs from the solution of the record's own circuit.
 
-    `work`: results, changed in place; `tolerance`: largest accepted error relative to the supply.
+    `work`: results, changed in place; `tolerance`: largest accepted absolute error as a fraction of the supply voltage.
     """
     values = {part.reference: part.value for part in record.parts}
     volts = solve_extracted(record, dict(pads_of(record)), values)
@@ -150,7 +151,9 @@ def _check_rules(work: _Work, reports: BoardReports) -> None:
 def _check_nets(work: _Work, record: HardwareRecord, reports: BoardReports) -> None:
     """Add the differences of nets between the board and the record to `work.findings`.
 
-    Two sets of nets are compared with the record: those that the copper connects, and those that the board file states.
+    Two sets of nets are compared with the record: the nets that the copper connects, and the nets that the board file
+    states. Touching copper of different stated nets also gives a finding. `reports`: files of kicad-cli about the
+    board.
     """
     copper = compare_nets(record, copper_nets(reports.points, reports.copper))
     stated = compare_nets(record, stated_nets(reports.points))
@@ -199,8 +202,9 @@ def _check_schematic(
 ) -> None:
     """Compare KiCad's SPICE netlist of the schematic, and its voltages from ngspice, with the record; add to `work`.
 
-    `tolerance`: largest accepted error of a voltage relative to the supply; `timeout`: longest run in seconds. Without
-    a schematic or ngspice, `work.complete` becomes False.
+    `reports`: files of kicad-cli, which contain the netlist; `tolerance`: largest accepted error of a voltage relative
+    to the supply; `timeout`: longest run of ngspice, in seconds. Without a schematic or ngspice, `work.complete`
+    becomes False.
     """
     if reports.spice is None:
         work.remarks.append("the folder has no schematic, so KiCad's SPICE netlist was not compared")
@@ -222,7 +226,10 @@ def _check_schematic(
 
 
 def _add_voltages(work: _Work, compared: VoltageComparison) -> None:
-    """Add a comparison of voltages to `work`; add its findings only if `work` has no earlier finding as their cause."""
+    """Add a comparison of voltages to `work`, and its findings if `work` has no finding yet.
+
+    An earlier finding, such as a wrong net, is the cause of wrong voltages.
+    """
     work.voltages.append(compared)
     if not work.findings:
         work.findings += compared.findings

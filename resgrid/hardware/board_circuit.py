@@ -1,4 +1,4 @@
-"""The circuit that a board realises: a compiled space with resistors of the E96 series, and names of its nets."""
+"""The circuit that a board realises (a compiled space with E96 resistors and named nets), and limits of boards."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ RESISTORS = (1.0, 10e6)
 """Lowest and highest resistance sold in size 0603, in ohms; boards with other resistances are rejected."""
 
 MOST_HEAT = 0.1
-"""Rated power of a resistor of size 0603, in watts; boards with a resistor of a higher power are rejected."""
+"""Rated power of a resistor of size 0603, in watts; a board in which a resistor dissipates more is rejected."""
 
 OBSTACLE_NET, GOAL_NET = "obstacle", "goal"
 """Names of the net of the obstacle rail, and of the net of the goal rail on a board with jumpers."""
@@ -41,9 +41,10 @@ OBSTACLE_NET, GOAL_NET = "obstacle", "goal"
 class GridResistor:
     """A resistor between two neighbouring cells, or between a cell and the border of the grid.
 
-    `reference`: name on the board, such as R7; `ohms`: resistance; `lower`, `upper`: nets of the terminals at the lower
-    and the higher coordinate along the axis; `axis`: 0 for a horizontal, 1 for a vertical resistor; `cell`: cell
-    (column, row) at the higher coordinate, which lies outside the grid at the upper border.
+    `reference`: name on the board, such as R7; `ohms`: resistance in ohms; `lower`, `upper`: nets of the terminals at
+    the lower and the higher coordinate along the axis; `axis`: 0 for a horizontal, 1 for a vertical resistor; `cell`:
+    cell (column from the left, row from the bottom) at the higher coordinate, outside the grid for a resistor at the
+    right or upper border.
     """
 
     reference: str
@@ -55,7 +56,7 @@ class GridResistor:
 
     @property
     def ends(self) -> tuple[tuple[int, int], tuple[int, int]]:
-        """Cells (column, row) at the lower and the higher end; one of them may lie outside the grid."""
+        """Cells (column, row) at the end of lower and the end of higher coordinate; one may lie outside the grid."""
         i, j = self.cell
         return ((i - 1, j), (i, j)) if self.axis == 0 else ((i, j - 1), (i, j))
 
@@ -81,7 +82,8 @@ class BoardCircuit:
     def cells_netlist(self) -> Netlist:
         """The circuit of the board with one node for every cell, also for obstacle and goal cells.
 
-        Studies of robots that read the voltages of all cells use this circuit.
+        Its resistances are of the E96 series, too. Studies of robots that read the voltages of all cells use this
+        circuit.
         """
         ideal = self.ideal
         if self.wiring.rails != "cells":
@@ -119,7 +121,10 @@ class BoardCircuit:
 
     @cached_property
     def resistors(self) -> tuple[GridResistor, ...]:
-        """All resistors, row by row from the top of the grid, each row from the left."""
+        """All resistors, named R1, R2, ... in their order: row by row from the top of the grid, each row from the left.
+
+        The vertical resistors between two rows of cells form a row of their own.
+        """
         cells = self.netlist.cells
         axes, index = crossed_faces(cells.resistor_face, self.space.shape)
         nodes = np.where(
@@ -142,7 +147,7 @@ class BoardCircuit:
 
     @cached_property
     def ohms(self) -> NDArray[np.float64]:
-        """Resistance of every resistor from the E96 series, in ohms, (resistors,), in the order of `netlist`."""
+        """E96 resistance of every resistor, in ohms, shape (resistors,), in the order of the resistors of `netlist`."""
         return nearest_e96(1.0 / self.ideal.conductance)
 
     @property
@@ -154,7 +159,7 @@ class BoardCircuit:
     def cell_nets(self) -> dict[tuple[int, int], str]:
         """Name of the net of every cell with a test pad, by the cell (column, row).
 
-        These are the free cells and goal cells with a node; on a board with jumpers, all cells.
+        These are the free cells and goal cells with a node; on a board with jumpers, all cells. Row 0 is at the bottom.
         """
         node = self.netlist.cells.node
         wanted = (node >= 0) & ((self.space.cell != Cell.OBSTACLE) | (self.kind == "jumpers"))
@@ -162,7 +167,10 @@ class BoardCircuit:
 
     @cached_property
     def voltages(self) -> dict[str, float]:
-        """Expected voltage of every net against ground, in volts, by the name of the net."""
+        """Expected voltage of every net on the board against ground, in volts, by the name of the net.
+
+        Nets on the board are those with a resistor, the net of the supply, the goal rails and ground.
+        """
         used = {net for part in self.resistors for net in (part.lower, part.upper)}
         volts = {net: float(self.op.voltage[node]) for node, net in enumerate(self.node_nets) if net in used}
         volts |= dict.fromkeys(self.goal_nets, self.wiring.goal_voltage)
@@ -186,7 +194,10 @@ class BoardCircuit:
 
     @property
     def goal_currents(self) -> dict[str, float]:
-        """Current into every goal region, in amperes, by the region's name ``goal_0``, ``goal_1`` ..."""
+        """Current into every goal region, in amperes, by the region's name ``goal_0``, ``goal_1`` ...
+
+        A positive current flows from the grid into the region.
+        """
         pairs, current = self.netlist.resistor_nodes, self.op.resistor_current
         total = dict[str, float]()
         region_of = np.full(self.netlist.node_count, -1)
@@ -201,8 +212,8 @@ class BoardCircuit:
 def board_circuit(space: ConfigurationSpace, kind: Kind, wiring: Wiring) -> BoardCircuit:
     """Return the circuit of a board; raise InputError for spaces and wirings that a board cannot realise.
 
-    `kind`: "fixed" for one scene, "jumpers" for every scene of this size; `wiring`: boundary conditions, resistance and
-    supply. Raises CircuitError if no current flows.
+    `space`: the space whose resistor grid the board realises; `kind`: "fixed" for one scene, "jumpers" for every scene
+    of this size; `wiring`: boundary conditions, resistance and supply. Raises CircuitError if no current flows.
     """
     for problem in _problems(space, kind, wiring):
         raise InputError(problem)

@@ -1,4 +1,7 @@
-"""Writer of the files of a board: KiCad project, lists, record, and by kicad-cli those for a manufacturer."""
+"""Writer of the files in a board's folder: KiCad project, lists, README, record, and files for a manufacturer.
+
+kicad-cli writes the files for a manufacturer, pictures and the printed schematic.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +30,10 @@ _CORNER_RADIUS = 3.0
 """Radius of the rounded corners of the board, in millimetres."""
 
 _SHEETS = (("A4", 297.0, 210.0), ("A3", 420.0, 297.0), ("A2", 594.0, 420.0), ("A1", 841.0, 594.0))
-"""Paper sizes for the drawing of the board: name, width and height in millimetres; a larger drawing gets A0."""
+"""Paper sizes for the drawing of the board: name, width and height in millimetres, ascending; the first fit is used.
+
+A drawing that fits on none of them gets the size A0.
+"""
 
 _TITLE_BLOCK = 45.0
 """Height of a sheet's title block with its margins, in millimetres, which the board must leave free."""
@@ -42,7 +48,8 @@ A fixed time stamp gives the same bytes of the archive for the same files.
 def board_files(board: Board, *, manufactured: bool = False) -> dict[str, str]:
     """Return the content of the text files of a board by file name; names in subfolders contain a slash.
 
-    `manufactured`: whether the README describes the files of `manufacture`.
+    `manufactured`: whether the README also describes the files that kicad-cli writes for a manufacturer; otherwise it
+    explains how to make them.
     """
     sheets = draw_schematic(board.placement)
     comments = (board.subtitle, *board.legend[:2])
@@ -67,9 +74,10 @@ def board_files(board: Board, *, manufactured: bool = False) -> dict[str, str]:
 
 
 def write_board(board: Board, folder: Path, *, manufactured: bool = False) -> list[str]:
-    """Write the text files of a board into an existing folder, and return their names.
+    """Write the text files of a board into an existing folder; return their names relative to the folder, sorted.
 
-    `manufactured`: whether the README describes the files of `manufacture`.
+    `manufactured`: whether the README also describes the files that kicad-cli writes for a manufacturer; otherwise it
+    explains how to make them.
     """
     files = board_files(board, manufactured=manufactured)
     for name, text in files.items():
@@ -116,9 +124,9 @@ def silkscreen_of(board: Board) -> Graphics:
 
 
 def _with_path(placed: PlacedFootprint, paths: Mapping[str, str]) -> PlacedFootprint:
-    """Return a footprint that refers to its symbol in the schematic, if it has one.
+    """Return a copy of a footprint that refers to the part's symbol in the schematic, if the part has a symbol.
 
-    `paths`: UUIDs that lead to each symbol, as text (`symbol_path`), by reference of the part.
+    `paths`: UUIDs that lead to each symbol, as text such as ``/UUID/UUID``, by reference of the part.
     """
     return replace(placed, path=paths.get(placed.reference, ""))
 
@@ -126,7 +134,7 @@ def _with_path(placed: PlacedFootprint, paths: Mapping[str, str]) -> PlacedFootp
 def manufacture(kicad: KicadCli, folder: Path) -> list[str]:
     """Run kicad-cli to write the files for a manufacturer, pictures and a printed schematic; return their names.
 
-    `folder`: folder with the files of `write_board`, to which the new files are added.
+    `folder`: folder with the text files of the board, to which the new files are added. The names are relative to it.
     """
     board, sheet = folder / FILE, folder / f"{PROJECT}.kicad_sch"
     gerbers = folder / "gerbers"
@@ -152,14 +160,14 @@ def manufacture(kicad: KicadCli, folder: Path) -> list[str]:
 
 
 def _pack(folder: Path, names: list[str]) -> None:
-    """Write the archive ``gerbers.zip`` of the files `names`, whose paths are relative to `folder`, into `folder`."""
+    """Write the archive ``gerbers.zip`` into `folder`; `names`: paths of the archived files, relative to `folder`."""
     with zipfile.ZipFile(folder / "gerbers.zip", "w", zipfile.ZIP_DEFLATED) as archive:
         for name in names:
             archive.writestr(zipfile.ZipInfo(Path(name).name, _FIRST_TIME), (folder / name).read_bytes())
 
 
 def described(names: list[str]) -> Iterator[tuple[str, str]]:
-    """Yield each name of a file in a board's folder with a description of the file."""
+    """Yield each of the given file names of a board's folder with a description of the file as text."""
     abouts = {
         ".kicad_pro": "the KiCad project",
         ".kicad_sch": "the schematic, or a sheet of it",

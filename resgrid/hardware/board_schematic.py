@@ -29,7 +29,7 @@ A grid with more columns is drawn on further sheets.
 """
 
 _CORNER = (38.1, 38.1)
-"""Place (x, y) of the upper left cell of a sheet, in millimetres from the upper left corner of the sheet."""
+"""Place (x, y) of the node of the upper left cell, in millimetres from the upper left corner of the sheet."""
 
 _OBSTACLE, _GOAL, _START = (205, 205, 205), (255, 224, 130), (187, 222, 251)
 """Fill colours of obstacle cells, goal cells and the start cell: red, green and blue from 0 to 255."""
@@ -41,8 +41,8 @@ _SMALL = 1.0
 def draw_schematic(placement: Placement) -> list[Sheet]:
     """Return the sheets of a board's schematic, the root sheet first.
 
-    The root sheet contains the terminals, and a grid of at most 8 x 8 cells. A larger grid is divided into blocks, each
-    on a further sheet.
+    The root sheet contains the terminals, the sources of the simulation, and a grid of at most 8 x 8 cells. A larger
+    grid is divided into blocks of at most 12 columns and 8 rows, each on a further sheet.
     """
     circuit = placement.circuit
     columns, rows = placement.shape
@@ -98,9 +98,10 @@ class _Drawing:
         self._powers = Counter[str]()
 
     def draw_block(self, sheet: Sheet, across: tuple[int, int], up: tuple[int, int]) -> None:
-        """Draw the cells of a block on `sheet`.
+        """Draw the cells of a block, with their resistors, on `sheet`.
 
-        `across`, `up`: ranges (first, end), without `end`, of its columns and rows; the last row is drawn at the top.
+        `across`, `up`: ranges (first, end), without `end`, of the columns and rows of the block; the last row is drawn
+        at the top.
         """
         cells = self._circuit.space.cell
         start = self._circuit.wiring.start
@@ -119,9 +120,10 @@ class _Drawing:
                     self._draw_resistor(sheet, part, (i, j), at, across, up)
 
     def _draw_node(self, sheet: Sheet, cell: Index, at: Point) -> None:
-        """Draw label, test pad and solder jumper of a cell on `sheet`.
+        """Draw the node of a cell on `sheet`: its label, its test pad, and its solder jumper if the board has jumpers.
 
-        `cell`: (column, row); `at`: place (x, y) in mm.
+        `cell`: (column, row); `at`: place (x, y) of the node in millimetres from the upper left corner of the sheet, y
+        downwards.
         """
         net, (x, y) = self._circuit.cell_nets[cell], at
         pad = self._pads[cell]
@@ -197,10 +199,10 @@ def _part(
     text: TextPlace,
     model: dict[str, str] | None = None,
 ) -> PlacedSymbol:
-    """Return the schematic symbol of a part of the board.
+    """Return a placed symbol of the schematic for a part of the board.
 
-    `placed`: the part; `x`, `y`: place on the sheet in millimetres; `text`: place of the reference; `model`: fields of
-    the simulation model, None if the part is not simulated.
+    `symbol`: the symbol to place; `placed`: the part; `x`, `y`: place on the sheet in millimetres, y downwards; `text`:
+    place of the reference; `model`: fields of the simulation model by name, None if the part is not simulated.
     """
     footprint = f"{LIBRARY}:{placed.footprint.name}"
     return PlacedSymbol(symbol, placed.reference, placed.value, x, y, 0, footprint, text, None, model)
@@ -215,8 +217,8 @@ def _closed(pin: int) -> dict[str, str]:
 def _power(net: str, at: Point, turn: int, reference: str, *, shown: bool) -> PlacedSymbol:
     """Return the symbol of ground or a rail, which gives the wire at its pin the name of the net.
 
-    `net`: name of the net; `at`: place (x, y) of the pin in millimetres; `turn`: rotation in degrees; `reference`: name
-    of the symbol; `shown`: whether the name of the net is shown.
+    `net`: name of the net; `at`: place (x, y) of the pin in millimetres, y downwards; `turn`: rotation in degrees,
+    counterclockwise; `reference`: name of the symbol; `shown`: whether the name of the net is shown next to it.
     """
     symbol = symbols.GROUND if net == GROUND else symbols.RAIL
     text = TextPlace(0.0, 3.9 if symbol is symbols.GROUND else -2.5, _SMALL) if shown else None
@@ -265,8 +267,8 @@ def _sources(circuit: BoardCircuit) -> Iterator[tuple[str, float]]:
 def _draw_sources(root: Sheet, circuit: BoardCircuit, left: float) -> None:
     """Draw the voltage sources of the simulation on the root sheet, in rows of six.
 
-    Each driven net gets a power flag, so that KiCad's electrical rules accept it. `left`: place of the left end of the
-    rows, in millimetres.
+    Each net with a source, and ground, get a power flag, so that KiCad's electrical rules accept the net as driven.
+    `left`: x of the left end of the rows, in millimetres.
     """
     y = 213.36
     nets = [*_sources(circuit)]

@@ -19,7 +19,7 @@ Label = Hashable
 """Name or number of a net in the circuit that is compared with a record."""
 
 SHOWN = 6
-"""Maximum number of pads or nets that a message lists."""
+"""Maximum number of pads or nets that a message lists, and of nets that a comparison of voltages lists."""
 
 MAX_VALUE_ERROR = 1e-9
 """Largest relative difference of resistances that count as equal.
@@ -60,9 +60,10 @@ def compare_nets(record: HardwareRecord, found: Mapping[Pad, Label | None]) -> l
 def match_nets(expected: Mapping[Pad, str], found: Mapping[Pad, Label | None]) -> dict[Label, str]:
     """Return the expected net that corresponds to each net of another circuit, by the label of the other net.
 
-    `expected`: expected net of every pad; `found`: net of every pad in the other circuit, None without a connection. An
-    expected net corresponds to the found net that contains most of its pads. If several expected nets claim one found
-    net, the expected net with most pads on it is chosen, and the others have no entry.
+    A label is the name or number of a net in the other circuit. `expected`: expected net of every pad; `found`: net of
+    every pad in the other circuit, None without a connection. An expected net corresponds to the found net that
+    contains most of its pads. If several expected nets claim one found net, the expected net with most pads on it is
+    chosen, and the others have no entry.
     """
     groups = _groups(expected, found)
     most = {net: max(map(len, labels.values())) for net, labels in groups.items()}
@@ -83,8 +84,9 @@ def _groups(
 ) -> dict[str, dict[Label, list[Pad]]]:  # fmt: skip
     """Return the pads of every expected net, grouped by their net in another circuit.
 
-    `expected`: expected net of every pad; `found`: net of every pad in the other circuit. Pads without a net are left
-    out.
+    The result has the expected net as key, and as value the pads of that net by the label of their net in the other
+    circuit. `expected`: expected net of every pad; `found`: net of every pad in the other circuit. Pads without a net
+    in the other circuit are left out.
     """
     groups: defaultdict[str, dict[Label, list[Pad]]] = defaultdict(dict)
     for pad, net in expected.items():
@@ -112,8 +114,8 @@ def _turned_parts(
 def _differences(net: str, groups: Mapping[Label, Sequence[Pad]], owner: Mapping[Label, str]) -> Iterator[str]:
     """Yield a message for every difference of one net of a record.
 
-    `net`: name of the net; `groups`: its pads, grouped by their net in the other circuit; `owner`: net of the record
-    that corresponds to each net of the other circuit.
+    `net`: name of the net in the record; `groups`: pads of this net, grouped by their net in the other circuit;
+    `owner`: net of the record that corresponds to each net of the other circuit.
     """
     strangers = {label: pads for label, pads in groups.items() if owner.get(label, net) != net}
     own = [pads for label, pads in groups.items() if label not in strangers]
@@ -145,7 +147,7 @@ def _absent(record: HardwareRecord, found: Mapping[Pad, Label | None]) -> Iterat
 
 
 def _between(part: Part) -> str:
-    """Return text about the nets of a part, such as "between n_1_2 and n_2_2"; empty for more than two nets."""
+    """Return text about the nets of a part, such as " between n_1_2 and n_2_2"; empty for more than two nets."""
     nets = list(dict.fromkeys(part.nets))
     return f" on {nets[0]}" if len(nets) == 1 else f" between {nets[0]} and {nets[1]}" if len(nets) == 2 else ""
 
@@ -159,10 +161,10 @@ def _unknown(expected: Mapping[Pad, str], found: Iterable[Pad]) -> Iterator[str]
 
 
 def compare_values(record: HardwareRecord, found: Mapping[str, float | None]) -> list[str]:
-    """Return a message for every resistor whose resistance differs from the record by more than `MAX_VALUE_ERROR`.
+    """Return a message for every resistor whose resistance differs from the record by more than a limit.
 
-    `found`: resistance in ohms by reference, None for text that is not a number, which gives a message. Resistors
-    without an entry give no message.
+    The limit is 1e-9 of the resistance in the record. `found`: resistance in ohms by reference; None stands for a text
+    that is not a number, and gives a message. Resistors without an entry give no message.
     """
     messages = []
     for part in record.parts:
@@ -180,8 +182,8 @@ class VoltageComparison:
 
     `max_abs_error`: largest absolute difference in volts, None if no net was compared; `max_relative_error`: this
     difference as a fraction of the supply; `nodes`: number of nets compared; `worst`: net, expected and found voltage
-    in volts, for at most `SHOWN` nets with a difference, the largest first; `findings`: messages about differences
-    above the tolerance and about nets without a found voltage.
+    in volts, for the at most six nets with the largest differences, the largest first; `findings`: messages about
+    differences above the tolerance and about nets without a found voltage.
     """
 
     max_abs_error: float | None = None
@@ -197,8 +199,8 @@ def compare_voltages(
     """Return the comparison of a record's voltages with those of another circuit.
 
     `found`: voltage by net of the record, in volts; nets without an entry give a finding; `tolerance`: largest accepted
-    absolute difference relative to the supply (`supply_of`); `tool`: name of the tool that computed `found`, for
-    messages.
+    absolute difference as a fraction of the supply, which is the largest voltage difference between nets of the record;
+    `tool`: name of the tool that computed `found`, for messages.
     """
     supply = supply_of(record)
     error = {net: abs(found[net] - volts) for net, volts in record.voltages.items() if net in found}
@@ -229,7 +231,7 @@ def _name(pad: Pad) -> str:
 
 
 def _list(names: Sequence[Pad] | Sequence[str]) -> str:
-    """Return a list of pads or nets as text: the first `SHOWN` of them, and the number of the others."""
+    """Return a list of pads or nets as text: the first six of them, and the number of the others."""
     words = [name if isinstance(name, str) else f"{name[0]}.{name[1]}" for name in names]
     rest = len(words) - SHOWN
     return ", ".join(words[:SHOWN]) + (f" and {rest} more" if rest > 0 else "")

@@ -53,8 +53,8 @@ class Copper:
     def probe(self, position: tuple[float, float], access: int) -> int | None:
         """Return the number of the set of connected copper shapes at a point, None without copper.
 
-        `position`: x and y in millimetres; `access`: number of the layer, from 1 for the front, 0 for any layer. A
-        number above the number of layers stands for the back.
+        `position`: x and y in millimetres, y upwards; `access`: number of the layer, from 1 for the front, 0 for any
+        layer. A number above the number of layers stands for the back.
         """
         from shapely import Point
 

@@ -58,9 +58,9 @@ def parse_excellon(text: str, name: str = "<text>") -> list[Hole]:
 
 
 def _moved(point: tuple[float, float], x: str | None, y: str | None, unit: float) -> tuple[float, float]:
-    """Return a point (x, y) in millimetres after a change of coordinates.
+    """Return a point (x, y) in millimetres with the coordinates that a command states.
 
-    `point`: old point in millimetres; `x`, `y`: new coordinates as text, None to retain that of `point`; `unit`:
-    millimetres per unit of the file.
+    `point`: previous point in millimetres; `x`, `y`: coordinates as text, None to retain the coordinate of `point`;
+    `unit`: millimetres per unit of the file.
     """
     return (point[0] if x is None else float(x) * unit, point[1] if y is None else float(y) * unit)

@@ -1,4 +1,4 @@
-"""Node voltages of a circuit that an outside tool extracted, solved by resgrid or by ngspice."""
+"""Reader of KiCad's SPICE netlist, and net voltages of extracted circuits, solved by resgrid or by ngspice."""
 
 from __future__ import annotations
 
@@ -59,8 +59,8 @@ def simulate_kicad_spice(
 ) -> tuple[dict[str, float], SimulatorRun]:
     """Return the voltages in volts that ngspice computes for KiCad's SPICE netlist, by net of the record, and the run.
 
-    Sources and closed jumpers of the record are added to the netlist, unless it has a source between the same nodes.
-    `timeout`: longest run, in seconds.
+    The record's sources, and its closed jumpers as sources of 0 V, are added to the netlist, unless the netlist has a
+    source between the same nodes. `timeout`: longest run of ngspice, in seconds.
     """
     owner = match_nets(pads_of(record), netlist.nets)
     node = {net: net for net in record.voltages} | {net: str(label) for label, net in owner.items()} | {GROUND: GROUND}
@@ -80,7 +80,10 @@ def simulate_kicad_spice(
 
 
 def _sources(record: HardwareRecord) -> Iterator[tuple[str, str, float]]:
-    """Yield plus net, minus net and volts of every source of a record, and of every closed jumper (0 V)."""
+    """Yield plus net, minus net and volts of every source of a record, and of the bridges of closed jumpers (0 V).
+
+    A jumper gives one source of 0 V for each two consecutive pads that solder joins.
+    """
     for source in record.sources:
         yield source.positive, source.negative, source.volts
     for part in record.parts:
@@ -94,10 +97,11 @@ def solve_extracted(
 ) -> dict[str, float]:
     """Return the voltages of an extracted circuit in volts, by net of the record.
 
-    Nets that float, and nets without a corresponding extracted net (`match_nets`), have no entry.
-    `record`: gives the sources and closed jumpers; `found`: net of every pad in the extracted circuit, None for a pad
-    without a connection; `values`: resistance in ohms by reference. A resistor with an unconnected pad, or with both
-    pads on one net, carries no current and is left out. Raises InputError if another resistor has no value.
+    An extracted net corresponds to the net of the record with which it shares most pads (`match_nets`). Nets that
+    float, and nets without a corresponding extracted net, have no entry. `record`: gives the resistors, sources and
+    closed jumpers; `found`: net of every pad in the extracted circuit, None for a pad without a connection; `values`:
+    resistance in ohms by reference. A resistor with an unconnected pad, or with both pads on one net, carries no
+    current and is left out. Raises InputError if another resistor has no value.
     """
     owner = match_nets(pads_of(record), found)
     label_of: dict[str, Label] = {net: label for label, net in owner.items()}

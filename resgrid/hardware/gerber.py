@@ -1,4 +1,4 @@
-"""Reader of Gerber X2 layers: copper as polygons with the net that the file states for each (Ucamco, revision 2024.05).
+"""Reader of Gerber X2 copper layers (Ucamco, revision 2024.05): polygons with the nets that the file states for them.
 
 Only the commands that board editors write for copper are accepted.  Another command raises InputError, because a
 misread layer would make a wrong board look right.
@@ -245,7 +245,10 @@ def _add(state: _State, geometry: Any) -> None:
 
 
 def subtract(shapes: list[CopperShape], geometry: Any) -> list[CopperShape]:
-    """Return shapes without the area of a geometry, with their nets; a shape may become empty or several polygons."""
+    """Return copies of shapes without the area of a geometry; their nets remain.
+
+    A shape may become empty or consist of several polygons. `geometry`: polygon of shapely in millimetres.
+    """
     return [
         CopperShape(shape.geometry.difference(geometry), shape.net) if shape.geometry.intersects(geometry) else shape
         for shape in shapes
@@ -253,7 +256,10 @@ def subtract(shapes: list[CopperShape], geometry: Any) -> list[CopperShape]:
 
 
 def pieces(shapes: list[CopperShape]) -> list[CopperShape]:
-    """Return shapes with every geometry divided into its connected polygons, without those of zero area."""
+    """Return one shape for each connected polygon of the given shapes, with the net of its shape.
+
+    Polygons of zero area are left out.
+    """
     import shapely
 
     geometries: NDArray[Any] = np.array([shape.geometry for shape in shapes], dtype=object)

@@ -13,7 +13,7 @@ from typing import Any
 from resgrid.errors import InputError
 
 ARC_STEPS = 16
-"""Number of chords that replace a quarter circle; those of a pad of 2 mm lie within 1.2 micrometres of its edge."""
+"""Number of chords that replace a quarter circle; at a diameter of 2 mm they are within 1.2 micrometres of the arc."""
 
 _DEFINITION = re.compile(r"ADD(\d+)([A-Za-z_.$][\w.$-]*)(?:,(.*))?")
 _OPERATORS: dict[type, Callable[[float, float], float]] = {
@@ -42,8 +42,9 @@ class Aperture:
 def parse_macro(text: str, place: str) -> tuple[str, list[list[str]]]:
     """Return the name of an aperture macro and its primitives, each as a list of arithmetic expressions.
 
-    `text`: the command between percent signs; `place`: name of the file, for messages. Raises InputError for a macro
-    that defines a variable.
+    The first expression of a primitive is its code in the Gerber specification, the others are its parameters. `text`:
+    the command between percent signs; `place`: name of the file, for messages. Raises InputError for a macro that
+    defines a variable.
     """
     blocks = [block.replace("\n", "").replace("\r", "").strip() for block in text.split("*")]
     primitives = []
@@ -58,8 +59,9 @@ def parse_macro(text: str, place: str) -> tuple[str, list[list[str]]]:
 def aperture(command: str, macros: dict[str, list[list[str]]], unit: float, place: str) -> tuple[int, Aperture]:
     """Return the number and the shape of an aperture.
 
-    `command`: definition such as ``ADD10C,0.5``; `macros`: primitives by macro name; `unit`: millimetres per unit of
-    the file; `place`: name of the file, for messages.  Raises InputError for damaged definitions.
+    `command`: definition such as ``ADD10C,0.5``; `macros`: primitives by macro name, each as a list of arithmetic
+    expressions; `unit`: millimetres per unit of the file; `place`: name of the file, for messages.  Raises InputError
+    for damaged definitions.
     """
     match = _DEFINITION.fullmatch(command)
     if match is None:

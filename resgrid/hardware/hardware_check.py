@@ -16,7 +16,7 @@ class HardwareCheck:
     Attributes
     ----------
     reference : {"record"}
-        Source of the expected circuit and voltages: the record beside the file.
+        Source of the expected circuit and voltages: the record, a JSON file beside the board or layout.
     agrees : bool or None
         Whether every check was done and none has a finding.  False as soon as there is a finding; None if there is no
         finding, but a check could not be done.

@@ -22,7 +22,7 @@ _UNITS = {"CUST 0": 2.54e-3, "CUST": 2.54e-3, "CUST 1": 1e-3, "SI": 1e-3, "CUST 
 
 _THROUGH, _SURFACE, _HOLE, _COMBINED = "17", "27", "37", "07"
 _TESTS = frozenset({_THROUGH, _SURFACE, _HOLE, _COMBINED})
-"""Second and third digit of the operation codes of test points; the first is 3, or 0 in a continuation record."""
+"""Second and third digit of the operation codes of test points; the first digit is 3, or 0 in a continuation record."""
 _COORDINATE = re.compile(r"[+-]?\d+")
 
 
@@ -30,10 +30,10 @@ _COORDINATE = re.compile(r"[+-]?\d+")
 class TestPoint:
     """A pad or via.
 
-    `net`: name of its net; `reference`: its part, ``"VIA"`` for a via; `pin`: number of the pad, empty for a via;
-    `position`: x and y in millimetres, y upwards; `access`: 0 for both sides, otherwise the number of the layer, from 1
-    for the front; `hole`: diameter of its hole in millimetres, None for a surface pad; `plated`: whether the hole is
-    plated, False without a hole.
+    `net`: name of its net; `reference`: name of its part, ``"VIA"`` for a via; `pin`: number of the pad, empty for a
+    via; `position`: x and y in millimetres from the origin of the file, y upwards; `access`: 0 for both sides,
+    otherwise the number of the layer, from 1 for the front; `hole`: diameter of its hole in millimetres, None for a
+    surface pad; `plated`: whether the hole is plated, False without a hole.
     """
 
     __test__ = False

@@ -33,7 +33,10 @@ _RUNS = 2
 
 @dataclass(frozen=True)
 class RuleReport:
-    """Result of rule checks; `errors`: one message per violation; `warnings`: number of warnings by KiCad's type."""
+    """Result of kicad-cli's rule checks.
+
+    `errors`: one message per violation; `warnings`: number of warnings by KiCad's name of their type.
+    """
 
     errors: tuple[str, ...] = ()
     warnings: Mapping[str, int] = field(default_factory=dict)
@@ -45,8 +48,8 @@ class BoardReports:
 
     `rules`: violations of design rules, and of electrical rules of the schematic; `points`: test points of the
     IPC-D-356 file; `copper`: connected copper of the Gerber layers and drill files; `order`: one message for each
-    difference of ``gerbers.zip`` from the board; `values`: text of each part's value on the board, by reference;
-    `spice`: SPICE netlist of the schematic, None without a schematic.
+    difference of ``gerbers.zip``, the archive for a manufacturer, from the board; `values`: text of each part's value
+    on the board, by reference; `spice`: SPICE netlist of the schematic, None without a schematic.
     """
 
     rules: RuleReport
@@ -58,7 +61,7 @@ class BoardReports:
 
 
 def report_board(kicad: KicadCli, board: Path, folder: Path, timeout: float) -> BoardReports:
-    """Run kicad-cli on a copy of a board, and return its reports.
+    """Run kicad-cli on a copy of a board, and return the reports and files of kicad-cli.
 
     `board`: the file ``.kicad_pcb``; `folder`: empty temporary folder; `timeout`: longest run of kicad-cli, in seconds.
     Raises InputError if kicad-cli cannot read the board.
@@ -145,8 +148,9 @@ def _violation(violation: Mapping[str, Any]) -> str:
 def _on_board(points: Iterable[TestPoint], board: str) -> tuple[TestPoint, ...]:
     """Return test points with positions in mm from the upper left corner of the sheet, y upwards, as in Gerber files.
 
-    KiCad writes IPC-D-356 files relative to the origin of the drill file, which the board file states. `points`: test
-    points of the IPC-D-356 file; `board`: text of the board file, in which y points downwards.
+    KiCad writes IPC-D-356 files relative to the drill origin, a point that the board file states (the corner of the
+    sheet if it does not). `points`: test points of the IPC-D-356 file; `board`: text of the board file, in which y
+    points downwards.
     """
     match = _ORIGIN.search(board)
     x, y = (float(match[1]), -float(match[2])) if match else (0.0, 0.0)
@@ -198,7 +202,7 @@ def copper_nets(points: Iterable[TestPoint], copper: Copper) -> dict[tuple[str, 
 
 
 def _pads(points: Iterable[TestPoint]) -> Iterator[tuple[tuple[str, int], TestPoint]]:
-    """Yield reference, pad number and test point of every test point with a number; vias have none."""
+    """Yield the key (reference, pad number) and the test point of every pad with a number; vias have no number."""
     for point in points:
         if point.pin.isdecimal():
             yield (point.reference, int(point.pin)), point

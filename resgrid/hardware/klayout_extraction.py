@@ -1,8 +1,8 @@
 """Script for a Python interpreter with klayout: extract the circuit of a layout, and check its design rules.
 
-Run as ``python klayout_extraction.py LAYOUT JOB``: JOB is a JSON file with layers, connections and rules (see
-`resgrid.hardware.layout_extraction`), and standard output gets the result as JSON.  This file imports nothing of
-resgrid, and resgrid never runs it in its own process, because KLayout is licensed under the GPL.
+Run as ``python klayout_extraction.py LAYOUT JOB``: JOB is a JSON file with layers, connections and rules (see `main`),
+and standard output gets the result as JSON.  This file imports nothing of resgrid, and resgrid never runs it in its own
+process, because KLayout is licensed under the GPL.
 """
 
 from __future__ import annotations
@@ -19,7 +19,11 @@ PLACES = 20
 def main(file: str, job_file: str) -> None:
     """Extract the circuit of a layout, check its design rules, and print the result as JSON.
 
-    `file`: the layout; `job_file`: JSON file with layers, connections and rules.
+    `file`: the layout; `job_file`: JSON file of an object with the keys ``layers`` (GDSII numbers by name), ``body``
+    and ``ends`` (names of layers), ``conductors`` (names), ``connections`` (pairs of names), ``texts`` (name of a metal
+    and GDSII numbers of its labels), ``outline`` (GDSII numbers) and ``rules`` (objects; empty for no check). The
+    printed object has the keys ``dbu`` (database unit in micrometres), ``top`` (name of the top cell), ``texts``
+    (labels of the outline), ``resistors``, ``labels``, ``messages`` and ``violations``.
     """
     kdb = importlib.import_module("klayout.db")
     with open(job_file, encoding="utf-8") as stream:  # noqa: PTH123 - the script needs no other import
@@ -50,9 +54,10 @@ def texts(kdb: Any, layout: Any, top: Any, job: Any) -> list[list[Any]]:
 def circuit(kdb: Any, layout: Any, top: Any, job: Any) -> dict[str, Any]:
     """Return the extracted circuit as a dictionary of lists.
 
-    Keys: ``resistors``, one result of `resistor` each; ``labels``, each as text, name of the metal, x and y in database
-    units, and number of the net (None where the label lies on no metal); ``messages``, about faulty resistors. `kdb`:
-    module klayout.db; `layout`: the read layout; `top`: its top cell; `job`: layers, connections and rules.
+    Keys: ``resistors``, each as x and y of the lower left corner of its body, area, width, number of corners and the
+    numbers of both nets; ``labels``, each as text, name of the metal, x and y, and number of the net (None where the
+    label lies on no metal); ``messages``, about faulty resistors. Lengths are in database units. `kdb`: module
+    klayout.db; `layout`: the read layout; `top`: its top cell; `job`: layers, connections and rules.
     """
     extraction = kdb.LayoutToNetlist(kdb.RecursiveShapeIterator(layout, top, []))
     at = {name: extraction.make_layer(layout.layer(*layer), name) for name, layer in job["layers"].items()}
@@ -100,7 +105,8 @@ def resistor(extraction: Any, device: Any) -> list[Any]:
     """Return x, y, area, width, number of corners, and numbers of both nets of an extracted resistor.
 
     (x, y) is the lower left corner of the body. The net of the left end comes first; a net is None without a
-    connection. Lengths are in database units, areas in their squares.
+    connection. Lengths are in database units, areas in their squares. `extraction`: the extraction to which the
+    extracted resistor `device` belongs.
     """
     unit = extraction.internal_layout().dbu
     place = device.trans.disp
@@ -181,8 +187,11 @@ def violations(kdb: Any, layout: Any, top: Any, job: Any) -> list[list[Any]]:
 def broken(kdb: Any, regions: Any, rule: Any) -> list[list[int]]:  # noqa: PLR0911 - one result per kind
     """Return the centres [x, y], in database units, of all places that violate a rule.
 
-    `regions`: region of each layer by name; `rule`: kind, layer, second layer (None for some kinds) and value of the
-    rule, in database units or, for the kind "area", their squares.
+    `regions`: region of each layer by name; `rule`: object with ``kind``, ``layer``, ``other`` (second layer, None for
+    some kinds) and ``value``, in database units or, for the kind "area", their squares. The value is the smallest
+    "width", "space" between shapes, "separation" from the other layer, "enclosure" by the other layer on all sides,
+    "margin" (enclosure measured only between edges that face each other) or "area"; the edge length of squares
+    ("size"); or the spacing of the manufacturing "grid".
     """
     region, value = regions[rule["layer"]], rule["value"]
     other = regions.get(rule.get("other"))

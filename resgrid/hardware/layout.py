@@ -1,4 +1,4 @@
-"""Layouts of a compiled space: an array of resistors of a chip process, with rails and pads."""
+"""The type `Layout`, a chip layout of a compiled space, and its builder `build_layout`."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ TOP = "resgrid"
 """Name of the top cell of a layout, which contains all its other cells."""
 
 MOST_LABELS = 20_000
-"""Largest number of grid cells up to which `build_layout` labels every node by default."""
+"""Largest number of grid cells for which `build_layout` labels the nodes of free cells by default."""
 
 MARGIN = 5000
 """Distance of the outline from the rails, the array and the pads, in nanometres."""
 
 DROP_FRACTION = 0.01
-"""Voltage drop along a rail, as a fraction of the supply, above which a layout gets a warning."""
+"""Largest voltage drop along a rail without a warning, as a fraction of the supply voltage."""
 
 
 @frozen
@@ -58,7 +58,7 @@ class Layout:
     tile : TileGeometry
         Measures of a tile.
     resistors : tuple of Serpentine
-        One drawn resistor for each different resistance.
+        One drawn resistor for each different resistance of the circuit, in ascending order.
     value : ndarray of int64, shape (resistors of the netlist,)
         Index in `resistors` of every resistor of the netlist.
     nominal : ndarray of float, shape (length of `resistors`,)
@@ -103,7 +103,10 @@ class Layout:
 
     @property
     def outline(self) -> tuple[int, int, int, int]:
-        """Corners x0, y0 (lower left), x1, y1 (upper right) of the outline, in nm from the node of cell (0, 0)."""
+        """Corners x0, y0 (lower left), x1, y1 (upper right) of the outline, in nm from the node of cell (0, 0).
+
+        Cell (0, 0) is the lower left cell of the grid.
+        """
         return next(box[1:] for box in self.cells[-1].boxes if box[0] == self.rules.outline)
 
     @property
@@ -113,7 +116,11 @@ class Layout:
 
     @cached_property
     def drops(self) -> dict[str, float]:
-        """Largest voltage drop between the pad and a contact of the rail of each net, in volts."""
+        """Largest estimated voltage drop along the rail of each net, in volts, by the name of the net.
+
+        The nets are the obstacle rail, the goal regions and the start. The wires between rails and pads are not
+        counted.
+        """
         return rail_drops(self.rules, self.array, self.tile, self.rails, self.op)
 
     @property
@@ -132,9 +139,12 @@ class Layout:
         -------
         dict
             ``process``, ``cells`` (columns and rows), ``resistors`` (number), ``values`` (number of different
-            resistances), ``pitch``, ``array_size``, ``array_area``, ``size``, ``area``, ``resistor`` (width, smallest
-            and largest length, rows and resistance in ohms, largest relative error by rounding), ``rails`` (widths;
-            magnitudes of currents in amperes and drops in volts, by net), ``pads`` (net and centre), ``warnings``.
+            resistances), ``pitch`` (of cells along x and y), ``array_size`` (without rails and pads), ``array_area``,
+            ``size`` (of the outline), ``area``, ``resistor`` (mapping: ``width``; smallest and largest ``length``,
+            ``rows`` and ``resistance`` in ohms; ``rounding``, the largest relative error of a resistance), ``rails``
+            (mapping: ``trunk_width``, ``stripe_width``, ``side_width``, None without such wires; magnitudes of
+            ``current`` in amperes and ``drop`` in volts, by net), ``pads`` (mappings with ``net`` and centre ``at``),
+            ``warnings`` (messages).
         """
         shape = self.op.netlist.cells.space.shape
         array_size = [shape[0] * self.tile.px * 1e-9, shape[1] * self.tile.py * 1e-9]
@@ -196,12 +206,13 @@ def build_layout(
     wiring : Wiring, optional
         Boundary conditions, drive and element values; by default those of `resgrid.Wiring`.
     width : float, optional
-        Width of the resistors, in metres; by default the smallest one that the process and `matching` permit.
+        Width of the resistors, in metres; by default the smallest width that the process and `matching` permit.
     matching : float, optional
         Required standard deviation of a resistance, relative to its mean, such as 0.01; determines the width, for the
         smallest resistance.  Not together with `width`.
     labels : bool, optional
-        Whether every node gets a label; by default on grids of at most 20,000 cells.
+        Whether the node of every free cell gets a label such as ``n_3_4`` (column, row); by default on grids of at most
+        20,000 cells.  Pads always have labels; the start has only that of its pad.
     **options
         Fields of `Wiring`, instead of `wiring` or as changes to it.
 
@@ -213,8 +224,9 @@ def build_layout(
     Raises
     ------
     InputError
-        If the space has other than two axes or a periodic one, the circuit needs current sources in its cells, a
-        resistance cannot be drawn, or the process is unknown.
+        If the space has other than two axes or a periodic axis, the circuit needs current sources in its cells (uniform
+        drive) or has a leak, a resistance cannot be drawn, the trunks do not fit, `width` and `matching` are both
+        given, or the process is unknown.
 
     Examples
     --------
@@ -266,7 +278,8 @@ def _drawable_wiring(space: ConfigurationSpace, wiring: Wiring) -> Wiring:
 def _distinct(ohms: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Return the different resistances in ohms, ascending, and for each resistor the index of its resistance there.
 
-    Resistances that differ by less than 1e-9 of their value count as equal. `ohms` (resistors,): resistances in ohms.
+    Resistances are equal if they agree after rounding to a relative precision of 1e-9. `ohms` (resistors,): resistances
+    in ohms.
     """
     keys, first, number = np.unique(np.round(np.log(ohms) * 1e9), return_index=True, return_inverse=True)
     del keys
@@ -284,9 +297,9 @@ def _draw(
 ) -> list[DrawnCell]:
     """Return all cells of the GDSII or OASIS file, the top cell last.
 
-    `head`: measures of the ends of all resistors; `tile`: measures of a tile; `shapes`: the drawn resistor of each
-    different resistance; `array`: contents of all tiles; `rails`: measures of rails and pads; `labelled`: whether the
-    nodes get labels.
+    `head`: measures of the ends of all resistors; `tile`: measures of a tile, the drawing of one cell of the grid;
+    `shapes`: the drawn resistor of each different resistance; `array`: contents of all tiles; `rails`: measures of
+    rails and pads; `labelled`: whether the nodes of free cells get labels.
     """
     cells = tile_cells(rules, head, tile, shapes)
     drawing = draw_rails(rules, array, tile, rails)
@@ -329,9 +342,9 @@ def _placed_cells(cells: list[DrawnCell]) -> list[DrawnCell]:
 def _warnings(rails: RailPlan, op: OperatingPoint, drops: dict[str, float]) -> list[str]:
     """Return messages about rails with a drop above `DROP_FRACTION` of the supply, and about too thin trunks.
 
-    A trunk (a vertical wire to a goal region or the start) is too thin if it is narrower than `rails.wire`, which is
-    then the width that current density limits demand for the largest current of a trunk. `drops`: largest voltage drop
-    along the rail of each net, in volts.
+    A trunk (a vertical wire to a goal region or the start) is too thin if it is narrower than `rails.wire`. In this
+    case `rails.wire` is the width that current density limits demand for the largest current of a trunk. `drops`:
+    largest voltage drop along the rail of each net, in volts.
     """
     supply = abs(op.netlist.cells.wiring.supply)
     found = [

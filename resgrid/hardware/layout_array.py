@@ -15,18 +15,22 @@ from resgrid.hardware.layout_rules import Label, MetalRules, Placement
 from resgrid.hardware.layout_tiles import TileGeometry, placements
 
 ORIGIN = (-1, -1)
-"""Column and row of the first tile of the arrays: a margin of one tile around the grid belongs to the obstacle rail."""
+"""Column and row, in the grid, of the first tile of a `TileArray`: its arrays have a margin of one tile on all sides.
+
+A tile is the drawing of one cell of the grid; the tiles of the margin belong to the obstacle rail.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class TileArray:
     """Contents of all tiles of a layout; a tile is the drawing of one cell of the grid.
 
-    Arrays have the shape (columns + 2, rows + 2): a margin of one tile around the grid belongs to the obstacle rail.
-    `along_x`, `along_y`: for the resistor from a tile to the next one along x or y, the index of its resistance among
-    the different resistances of the layout, -1 without a resistor; `node`: whether a tile has a metal bar, which is its
-    node; `obstacle`: whether a tile is tied to the obstacle rail; `region`: for a tile of a goal region or the start,
-    the index of its net in `nets`, -1 elsewhere; `nets`: names of the nets of the goal regions and the start.
+    Arrays have the shape (columns + 2, rows + 2), row 0 at the bottom: a margin of one tile around the grid belongs to
+    the obstacle rail. `along_x`, `along_y`: for the resistor from a tile to the next one along x or y, the index of its
+    resistance among the different resistances of the layout, -1 without a resistor; `node`: whether a tile has a metal
+    bar, which is its node; `obstacle`: whether a tile is tied to the obstacle rail; `region`: for a tile of a goal
+    region or the start, the index of its net in `nets`, -1 elsewhere; `nets`: names of the nets of the goal regions and
+    the start.
     """
 
     along_x: NDArray[np.int64]
@@ -38,7 +42,7 @@ class TileArray:
 
 
 def tile_array(netlist: Netlist, value: NDArray[np.int64]) -> TileArray:
-    """Return the contents of the tiles of a compiled space.
+    """Return the contents of the tiles (drawings of one cell each) of a compiled space.
 
     `netlist`: netlist with merged rails of a space of two axes; `value` (resistors,): index of each resistor's
     resistance among the different resistances.
@@ -68,7 +72,8 @@ def tile_array(netlist: Netlist, value: NDArray[np.int64]) -> TileArray:
 def array_placements(array: TileArray, tile: TileGeometry, values: int) -> list[Placement]:
     """Return the placements of bars, ties to rails and resistors of all tiles.
 
-    `values`: number of different resistances.
+    A bar is the vertical piece of metal 1 that is the node of a tile; a tie is a set of vias from a bar to its rail.
+    `array`: contents of the tiles; `tile`: measures of a tile; `values`: number of different resistances.
     """
     placed = placements("node", array.node, tile, ORIGIN)
     placed += placements("tie_obstacle", array.obstacle, tile, ORIGIN)
@@ -80,16 +85,20 @@ def array_placements(array: TileArray, tile: TileGeometry, values: int) -> list[
 
 
 def node_labels(array: TileArray, tile: TileGeometry, metal: MetalRules) -> list[Label]:
-    """Return one label such as ``n_3_4`` (column, row) per node of a free cell, on the bar of its tile on `metal`."""
+    """Return one label such as ``n_3_4`` (column, row) per node of a free cell except the start.
+
+    The label lies at the node, on the bar of metal of the cell's tile. `metal`: rules of this metal, whose label layer
+    is used.
+    """
     own = array.node & ~array.obstacle & (array.region < 0)
     return [Label(f"n_{i}_{j}", i * tile.px, j * tile.py, metal.text) for i, j in (np.argwhere(own) + ORIGIN).tolist()]
 
 
 def used_range(mask: NDArray[np.bool_], axis: int) -> tuple[int, int]:
-    """Return the first and last column (`axis` 0) or row (`axis` 1) in which a mask is true.
+    """Return the first and last column (`axis` 0) or row (`axis` 1) of the grid in which a mask of tiles is true.
 
-    `mask` (columns + 2, rows + 2): tiles, true at least once. The margin of one tile around the grid counts: column -1
-    is left of the grid.
+    A tile is the drawing of one cell. `mask` (columns + 2, rows + 2): true at least once. The margin of one tile around
+    the grid counts: column -1 is left of the grid, row -1 below.
     """
     used = np.flatnonzero(mask.any(axis=1 - axis))
     return int(used[0]) + ORIGIN[axis], int(used[-1]) + ORIGIN[axis]

@@ -26,7 +26,7 @@ from resgrid.hardware.record import HardwareRecord, read_record
 from resgrid.hardware.tools import TIMEOUT, find_klayout
 
 TOLERANCE = 1e-12
-"""Default limit of the absolute error of a net's voltage, as a fraction of the supply."""
+"""Default of the largest accepted absolute error of a net's voltage, as a fraction of the supply voltage."""
 
 _NAME = re.compile(r"\b(?:R([XY])_(\d+)_(\d+)|(?:P_)?(goal_\d+(?:_\d+)?|obstacle(?:_\d+)?)|n_(\d+)_(\d+))")
 """Pattern that finds the names of resistors, pads, rails and nodes in messages about differences."""
@@ -52,7 +52,7 @@ def check_layout(
     Returns
     -------
     HardwareCheck
-        The result; a finding names the part or net and its place in the layout.
+        The result; a finding names the part or net and its place in the layout.  `verified` is False without klayout.
 
     Raises
     ------
@@ -103,9 +103,10 @@ def check_layout(
 
 
 def _wrong_labels(record: HardwareRecord, extraction: Extraction, owner: Mapping[object, str]) -> Iterator[str]:
-    """Yield a message for every label of a node that lies on another net than the record states.
+    """Yield a message for every label of a node that lies on another net than its text names.
 
-    `owner`: name of the expected net by the number of the net in the extraction.
+    `record`: its nets are the texts that are compared; `extraction`: the extracted circuit with its labels; `owner`:
+    name of the expected net by the number of the net in the extraction.
     """
     for text, x, y, net in extraction.labels:
         if text in record.voltages and owner.get(net) != text:

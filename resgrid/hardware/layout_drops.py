@@ -27,11 +27,12 @@ def rail_currents(op: OperatingPoint) -> dict[str, float]:
 def rail_drops(
     rules: LayoutRules, array: TileArray, tile: TileGeometry, plan: RailPlan, op: OperatingPoint
 ) -> dict[str, float]:
-    """Return the largest magnitude of the voltage drop between pad and contacts of every net, in volts, by net.
+    """Return the estimated largest magnitude of the voltage drop along the rail of every net, in volts, by net.
 
     The currents are those of ideal rails. A trunk (a vertical wire to a goal region or the start) carries the current
-    of its net. A stripe of the obstacle rail (a horizontal wire) is fed from both ends through vertical wires, which
-    are fed from below; the drops of stripe and vertical wire add up.
+    of its net over its whole length. A stripe of the obstacle rail (a horizontal wire) is fed from both ends through
+    vertical wires, which are fed from below; the drops of stripe and vertical wire add up. The wires from trunks and
+    vertical wires to the pads are not counted.
     """
     currents = rail_currents(op)
     third = rules.metals[2]
@@ -43,9 +44,10 @@ def rail_drops(
 
 
 def _taps(op: OperatingPoint, array: TileArray) -> NDArray[np.float64]:
-    """Return the magnitude of the current from the obstacle rail into every tile, in amperes.
+    """Return the magnitude of the current between the obstacle rail and every tile, in amperes.
 
-    The shape is (columns + 2, rows + 2): a margin of one tile surrounds the grid.
+    It is the sum of the magnitudes of the currents of the resistors that begin or end at the rail in this tile. A tile
+    is the drawing of one cell. The shape is (columns + 2, rows + 2): a margin of one tile surrounds the grid.
     """
     netlist = op.netlist
     taps, amps = np.zeros(array.node.shape), np.abs(op.resistor_current)
@@ -60,9 +62,10 @@ def _taps(op: OperatingPoint, array: TileArray) -> NDArray[np.float64]:
 
 
 def _obstacle_drop(rules: LayoutRules, tile: TileGeometry, plan: RailPlan, taps: NDArray[np.float64]) -> float:
-    """Return the largest voltage drop along the obstacle rail from its pads to a contact, in volts, at least 0.
+    """Return the largest voltage drop along the obstacle rail, in volts, at least 0.
 
-    `taps` (columns + 2, rows + 2): magnitude of the current from the rail into every tile, in amperes.
+    It counts from the lower ends of the rail's two vertical wires to a tile on one of its horizontal stripes. `taps`
+    (columns + 2, rows + 2): magnitude of the current between the rail and every tile, in amperes.
     """
     sheet, count = rules.metals[1].sheet, taps.shape[0]
     segment = sheet * tile.px / (tile.stripe[1] - tile.stripe[0])

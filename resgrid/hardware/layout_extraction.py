@@ -18,12 +18,13 @@ from resgrid.hardware.layout_rules import Layer, LayoutRules
 from resgrid.hardware.tools import TIMEOUT, KlayoutPython
 
 SCRIPT = Path(__file__).with_name("klayout_extraction.py")
-"""Script that runs in the Python interpreter with klayout."""
+"""Path of the script that extracts the circuit, and runs in a separate Python interpreter with klayout."""
 
 _TILE = re.compile(r"tile (\d+) (\d+) (\d+) nm")
 """Pattern of the label that states the measures of tiles, in nanometres.
 
-They are the distances of tiles along x and y, and the y of the resistor along y in its tile.
+They are the distances of tiles along x and y, and the y of the resistor along y in its tile. A tile is the drawing of
+one cell of the grid.
 """
 
 
@@ -31,11 +32,12 @@ They are the distances of tiles along x and y, and the y of the resistor along y
 class Extraction:
     """Circuit of a layout as klayout extracts it.
 
-    `pitch`: distances of tiles along x and y, and y of the resistor along y in its tile, in nanometres; `nets`: number
-    of the net of every pad, by reference of the part and number of the pad, None without a net; `ohms`: resistance of
-    every resistor, by reference; `place`: lower left corner (x, y) of every resistor's body, and place of the label of
-    every bond pad, in micrometres; `labels`: text, place in micrometres and number of the net of each other label, None
-    on no metal; `violations`: messages about violated design rules; `messages`: problems of the extraction.
+    `pitch`: distances of tiles (drawings of one cell each) along x and y, and y of the resistor along y in its tile, in
+    nanometres; `nets`: number of the net of every pad, by reference of the part and number of the pad, None without a
+    net; `ohms`: resistance of every resistor in ohms, by reference; `place`: lower left corner (x, y) of every
+    resistor's body, and place of the label of every bond pad, in micrometres; `labels`: text, x and y in micrometres
+    and number of the net of each other label; the number is None on no metal; `violations`: messages about violated
+    design rules; `messages`: problems of the extraction.
     """
 
     pitch: tuple[int, ...]
@@ -68,9 +70,12 @@ def extract_layout(
 
 
 def _job(rules: LayoutRules, check_rules: bool) -> dict[str, Any]:
-    """Return layers, connections and rules as input of the script `SCRIPT`.
+    """Return layers, connections and rules as input of the script that extracts the circuit.
 
-    `check_rules`: whether the script checks design rules; otherwise the list of rules is empty.
+    Keys: ``layers`` (GDSII numbers by name), ``body`` and ``ends`` (names of the layers of resistor bodies and ends),
+    ``conductors`` (names), ``connections`` (pairs of names of connected conductors), ``texts`` (name of a metal and
+    GDSII numbers of its labels), ``outline`` (GDSII numbers) and ``rules``. `check_rules`: whether the script checks
+    design rules; otherwise the list of rules is empty.
     """
     layers: dict[str, Layer] = {**rules.body, **rules.ends, "contact": rules.contact}
     layers |= {cover.name: cover.layer for cover in (*rules.body_covers, *rules.covers)}
@@ -99,10 +104,10 @@ def _job(rules: LayoutRules, check_rules: bool) -> dict[str, Any]:
 
 
 def _rules(rules: LayoutRules) -> Iterator[dict[str, Any]]:
-    """Yield the design rules for the script `SCRIPT`.
+    """Yield the design rules that the extraction script checks, as dictionaries.
 
-    Each has a name, a kind (width, space, size, enclosure, separation, margin, area or grid), a layer, another layer or
-    None, and a value in nanometres (nm^2 for an area).
+    Keys: ``name``, ``kind`` ("width", "space", "size", "enclosure", "separation", "margin", "area" or "grid"),
+    ``layer``, ``other`` (second layer, or None) and ``value`` in nanometres (nm^2 for an area).
     """
 
     def rule(kind: str, layer: str, value: int, other: str | None = None) -> dict[str, Any]:
@@ -140,9 +145,10 @@ def _rules(rules: LayoutRules) -> Iterator[dict[str, Any]]:
 
 
 def _extraction(file: Path, rules: LayoutRules, data: dict[str, Any]) -> Extraction:
-    """Return the extraction from `data`, the result of the script `SCRIPT`.
+    """Return the extracted circuit from `data`, the JSON object that the extraction script prints.
 
-    `file`: name of the layout, for messages.
+    `file`: name of the layout, for messages; `rules`: design rules of its process, which give the resistances. Raises
+    InputError if the layout has another unit than 1 nm, or no label with the measures of tiles.
     """
     if abs(data["dbu"] - 1e-3) > 1e-12:
         raise InputError(f"{file}: its unit is {data['dbu']} um, expected 0.001 um; write the layout again")

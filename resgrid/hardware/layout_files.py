@@ -30,7 +30,7 @@ COMPRESSION = 9
 """Compression level of an OASIS file."""
 
 MOST_RECORDED = 65_536
-"""Largest number of grid cells up to which a layout gets a record by default."""
+"""Largest number of grid cells for which a layout gets a record by default."""
 
 
 def write_layout(layout: Layout, file: str | os.PathLike[str], *, record: bool | None = None) -> Path:
@@ -43,8 +43,13 @@ def write_layout(layout: Layout, file: str | os.PathLike[str], *, record: bool |
     file : path-like
         The file; ``.gds`` is GDSII, ``.oas`` is OASIS.  The record of ``chip.gds`` is ``chip.record.json``.
     record : bool, optional
-        Whether to write the record, which `check_layout` needs; by default up to 65,536 cells, because the record of a
-        larger array takes longer than its layout.  An older record is removed if none is written.
+        Whether to write the record, which `check_layout` needs; by default for grids of up to 65,536 cells, because the
+        record of a larger array takes longer than its layout.  If no record is written, an older record is removed.
+
+    Returns
+    -------
+    Path
+        The path of the layout.
 
     Raises
     ------
@@ -70,7 +75,10 @@ def write_layout(layout: Layout, file: str | os.PathLike[str], *, record: bool |
 
 
 def has_record(layout: Layout, record: bool | None = None) -> bool:
-    """Return whether `write_layout` writes the record of a layout; `record`: its option, None for the default."""
+    """Return whether the record of a layout is written.
+
+    `record`: True or False as the user chose; None: only for grids of at most 65,536 cells.
+    """
     return layout.op.netlist.cells.space.cell.size <= MOST_RECORDED if record is None else record
 
 
@@ -103,7 +111,10 @@ def _library(gdstk: Any, layout: Layout) -> Any:
 
 
 def _cell(gdstk: Any, cell: DrawnCell, made: dict[str, Any]) -> Any:
-    """Return a cell of a layout as a cell of gdstk; `made`: the gdstk cells by name that `cell` may contain."""
+    """Return a cell of a layout as a cell of gdstk.
+
+    `gdstk`: the module; `made`: gdstk cells by name that were made before, among them all that `cell` contains.
+    """
     drawn = gdstk.Cell(cell.name)
     for (layer, kind), x0, y0, x1, y1 in cell.boxes:
         drawn.add(gdstk.rectangle((x0 / 1e3, y0 / 1e3), (x1 / 1e3, y1 / 1e3), layer=layer, datatype=kind))

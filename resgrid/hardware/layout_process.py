@@ -11,7 +11,7 @@ from resgrid.processes.process import Cut, Process
 from resgrid.processes.reading import read_process
 
 WIDE = 10.0
-"""Width of metal shapes, in micrometres, up to which the spacing in `MetalRules` suffices."""
+"""Largest width of metal shapes, in micrometres, for which the spacing in `MetalRules` suffices."""
 
 SHEET = 0.1
 """Assumed sheet resistance of a metal whose process states none, in ohms per square."""
@@ -73,9 +73,10 @@ def _layer(process: Process, name: str) -> Layer:
 
 
 def _cover(process: Process, name: str, beside: float, beyond: float) -> Cover:
-    """Return a layer that covers resistors.
+    """Return the rules of a layer that covers resistors, in nanometres.
 
-    `beside`, `beyond`: its overlaps across and along the current, in micrometres.
+    `name`: name of the layer in the process; `beside`, `beyond`: distances by which the layer extends past a resistor
+    across and along the current, in micrometres.
     """
     layer = process.layers[name]
     width, space = _nm(layer.min_width or 0.0), _nm(layer.min_space or 0.0)
@@ -83,9 +84,9 @@ def _cover(process: Process, name: str, beside: float, beyond: float) -> Cover:
 
 
 def _metals(process: Process) -> tuple[MetalRules, ...]:
-    """Return the rules of the metals of a process, from the lowest metal up to that of its pads.
+    """Return the rules of the metals of a process, from the lowest metal up to the metal of the pads.
 
-    Raises InputError if they are fewer than `METALS`, or do not lead to the pads.
+    Raises InputError if there are fewer than three metals, or if vias do not connect them up to the pads.
     """
     upward = {cut.below: (name, cut) for name, cut in process.cuts.items()}
     metal, metals = process.cuts["contact"].above, []
@@ -106,8 +107,9 @@ def _metals(process: Process) -> tuple[MetalRules, ...]:
 def _metal(process: Process, name: str, via: str, cut: Cut | None) -> MetalRules:
     """Return the rules of the metal `name`.
 
-    `via`: name of the layer of the vias to the next metal above, empty for the highest; `cut`: their rules, None for
-    the highest. The spacing of the metal holds for shapes up to `WIDE`, and that of the vias for arrays of every size.
+    `via`: name of the layer of the vias to the next metal above, empty for the highest metal; `cut`: rules of these
+    vias, None for the highest metal. The spacing of the metal holds for shapes of at most 10 micrometres width, and the
+    spacing of the vias for arrays of every size.
     """
     layer = process.layers[name]
     label = next((label for label in (f"{name}_label", "label") if label in process.layers), name)

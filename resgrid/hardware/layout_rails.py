@@ -1,4 +1,4 @@
-"""Rails and pads of a layout: stripes of the obstacle rail, trunks of goals and of the start, and their pads.
+"""Plan and drawing of the rails and pads of a layout: obstacle rail, trunks of goals and of the start, bond pads.
 
 Metal 2 runs along x: one stripe of the obstacle rail per row of tiles, links between goal cells, and a track per trunk
 below the array.  Metal 3 runs along y: links between goal cells, and the trunk of every goal region and of the start to
@@ -24,7 +24,10 @@ VIA_STRIP = 20000
 """Largest width of the rectangle of vias at the upper edge of a pad, along the edge (x), in nanometres."""
 
 DROP = 0.001
-"""Voltage drop along a trunk, as a fraction of the supply, for which the width of trunks is chosen."""
+"""Largest voltage drop along a trunk, as a fraction of the supply, for which the width of trunks is chosen.
+
+A trunk is the vertical wire of a goal region or of the start.
+"""
 
 WIDEST = 10_000
 """Largest width of a trunk that is chosen for its voltage drop, in nanometres.
@@ -40,8 +43,9 @@ RING = 5000
 class Trunk:
     """A vertical wire of metal 3 from a tile of a goal region or the start down to a horizontal wire below the array.
 
-    `net`: name of the net; `column`, `row`: the tile at which the trunk begins; `x`: centre of the trunk, from the node
-    of cell (0, 0); `width`: its width; lengths are in nanometres.
+    A tile is the drawing of one cell of the grid. `net`: name of the net; `column`, `row`: the tile at which the trunk
+    begins; `x`: centre of the trunk, from the node of cell (0, 0); `width`: width of the trunk; lengths are in
+    nanometres.
     """
 
     net: str
@@ -81,13 +85,14 @@ class Drawing:
 class RailPlan:
     """Measures of rails and pads, in nanometres; x and y count from the node of cell (0, 0), y upwards.
 
-    `trunks`: vertical wires to goal regions and the start, from left to right; `pads`: the pads from left to right;
-    `wire`: width of the horizontal wires (tracks) below the array, which is the width of the trunks, or a larger one
-    that current density limits demand for the largest current of a trunk; `ring`: width of the vertical parts of the
-    obstacle rail, 0 without this rail; `sides`: x of the centres of these parts; `bottom`: y of the lower end of the
-    array; `tracks`: y of the centre of every trunk's track; `bend`: y of the centre of the wires that lead from the
-    obstacle rail outwards to its pads; `pad_top`: y of the upper edge of the pads; `rows`: indices of the grid's rows
-    with a stripe of the obstacle rail.
+    Cell (0, 0) is the lower left cell of the grid. `trunks`: vertical wires to goal regions and the start, from left to
+    right; `pads`: the pads from left to right; `wire`: width of the horizontal wires (tracks) below the array, the
+    larger one of the width of the trunks and the width that current density limits demand for the largest current of a
+    trunk; `ring`: width of the two vertical parts of the obstacle rail, 0 without this rail; `sides`: x of the centres
+    of the left and the right part; `bottom`: y of the lower end of the array; `tracks`: y of the centre of the track of
+    each trunk, in the order of `trunks`; `bend`: y of the centre of the wires that lead from the obstacle rail outwards
+    to its pads; `pad_top`: y of the upper edge of the pads; `rows`: indices of the grid's rows with a stripe of the
+    obstacle rail.
     """
 
     trunks: tuple[Trunk, ...]
@@ -111,9 +116,10 @@ def pad_name(net: str, number: int) -> str:
 
 
 def wire_width(rules: LayoutRules, metals: tuple[MetalRules, ...], amps: float, least: int) -> int:
-    """Return the smallest width in nanometres at which a wire of the given metals may carry a current.
+    """Return the smallest width in nanometres at which a wire on each of the given metals may carry a current.
 
-    `amps`: current in amperes; `least`: lower limit of the width, in nanometres.
+    `metals`: rules of the metals, with their current density limits (no limit if None); `amps`: current in amperes;
+    `least`: lower limit of the width, in nanometres. The width is rounded up to twice the manufacturing grid.
     """
     widths = [amps / metal.current * 1e9 for metal in metals if metal.current]
     return rules.even(max([least, *widths]))
@@ -124,8 +130,9 @@ def plan_rails(
 ) -> RailPlan:
     """Return the measures of rails and pads.
 
-    `amps`: current of every net, in amperes, whose sign has no effect; `supply`: magnitude of the voltage between the
-    rails, in volts, which limits the drop along trunks.
+    `array`: contents of the tiles (drawings of one cell each); `tile`: measures of a tile; `amps`: current of every
+    net, in amperes, of either sign; `supply`: magnitude of the voltage between the rails, in volts. The trunks are wide
+    enough for a voltage drop of 0.1 % of the supply, unless another limit makes them narrower.
     """
     metals = rules.metals
     second, third = metals[1:3]
@@ -159,7 +166,7 @@ def plan_rails(
 
 
 def _fitting_trunks(rules: LayoutRules, array: TileArray, tile: TileGeometry, widest: int) -> tuple[Trunk, ...]:
-    """Return the trunks of all nets, of one width that leaves a free track (x of a vertical wire) for each of them.
+    """Return the trunks of all nets, of one width for which each of them has a free track (x of a vertical wire).
 
     The width is halved until the trunks fit, at most down to the width of links between goal cells. `widest`: upper
     limit of the width, in nanometres. Raises InputError if not even the smallest width fits.
@@ -207,7 +214,11 @@ def _trunks(rules: LayoutRules, array: TileArray, tile: TileGeometry, width: int
 
 
 def draw_rails(rules: LayoutRules, array: TileArray, tile: TileGeometry, plan: RailPlan) -> Drawing:
-    """Return the rectangles, placements, labels and cells of rails and pads; `plan`: their measures."""
+    """Return the drawing of rails and pads: rectangles, placements of cells, labels, and definitions of the cells.
+
+    `array`: contents of the tiles (drawings of one cell each); `tile`: measures of a tile; `plan`: measures of rails
+    and pads.
+    """
     drawing = Drawing()
     if plan.ring:
         _draw_obstacle_rail(rules, array, tile, plan, drawing)
@@ -258,7 +269,8 @@ def _draw_trunk(
 ) -> None:
     """Add a trunk, its horizontal wire of metal 2, and the wire of metal 1 to the pad to `drawing`.
 
-    `end`: x of the pad and y of the horizontal wire, in nanometres.
+    `tile`: measures of a tile; `plan`: measures of rails and pads; `end`: x of the pad and y of the horizontal wire, in
+    nanometres from the node of cell (0, 0).
     """
     first, second, third = rules.metals[:3]
     half, link, wide = trunk.width // 2, tile.link // 2, plan.wire // 2

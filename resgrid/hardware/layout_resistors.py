@@ -1,4 +1,4 @@
-"""Sizes of the resistors of a layout: width, length, and the shape of a serpentine.
+"""Sizes and rectangles of the resistors of a layout, drawn as serpentines.
 
 Every resistor is a body of constant width with an odd number of parallel rows, so that its two contacts are on opposite
 sides.  All resistors have the same width and orientation, which improves matching.
@@ -16,7 +16,7 @@ MOST_ROWS = 61
 """Largest number of parallel rows of a serpentine resistor."""
 
 LONGEST = 1e7
-"""Longest body of a resistor along its centre line, in nanometres; larger resistances are rejected."""
+"""Largest length of a resistor's body along its centre line, in nanometres; larger resistances are rejected."""
 
 WIDEST = 10_000_000
 """Largest width of the body of a resistor, in nanometres; wider resistors are rejected."""
@@ -45,10 +45,11 @@ class Serpentine:
 class Head:
     """Measures of the two ends of all resistors, which contain the contacts, in nanometres.
 
-    `length`: length along x of an end beyond the body; `contact`: distance of the contacts' centre from the body;
-    `height`: height of an end; `metal`: half the height of the metal on the contacts; `bar`: width of a vertical bar of
-    metal 1 over the contacts; `pitch`: distance between rows of the body; `inset`: distance along x between the
-    beginning of the body and the centre of the turns on the left.
+    Ends lie to the left and to the right of the body; heights are along y. `length`: length along x of an end beyond
+    the body; `contact`: distance along x of the contacts' centre from the body; `height`: height of an end; `metal`:
+    half the height of the metal on the contacts; `bar`: width of a vertical bar of metal 1 over the contacts; `pitch`:
+    distance between the centres of neighbouring rows of the body; `inset`: distance along x between the beginning of
+    the body and the centre of the turns on the left.
     """
 
     length: int
@@ -61,7 +62,10 @@ class Head:
 
 
 def head_of(rules: LayoutRules, width: int) -> Head:
-    """Return the measures of the ends of resistors; `width`: width of their bodies, in nanometres."""
+    """Return the measures of the ends of resistors, and the pitch of their rows.
+
+    `width`: width of the bodies of the resistors, in nanometres.
+    """
     size, metal = rules.contact_size, rules.metals[0]
     length = rules.up(max(rules.head, rules.contact_distance + size + rules.contact_enclosure))
     height = rules.even(max(width, size + 2 * rules.contact_enclosure))
@@ -90,9 +94,9 @@ def body_width(rules: LayoutRules, resistances: Sequence[float], width: float | 
 
     `resistances`: values in ohms; `width`: requested width in metres, rounded up, None for the smallest width that the
     rules and `matching` permit; `matching`: required standard deviation of the smallest resistance, relative to its
-    mean, None for no limit. The deviation is ``coefficient / sqrt(width * length)`` with the coefficient
-    `Resistor.pelgrom` (Pelgrom et al. 1989). Raises InputError for values that cannot be drawn, and for `width`
-    together with `matching`.
+    mean, None for no limit. The deviation is ``coefficient / sqrt(width * length)`` with the mismatch coefficient
+    `Resistor.pelgrom` of the process (Pelgrom et al. 1989). Raises InputError for values that cannot be drawn, and for
+    `width` together with `matching`.
     """
     least = rules.even(rules.width)
     if width is not None and matching is not None:
@@ -120,10 +124,10 @@ def body_width(rules: LayoutRules, resistances: Sequence[float], width: float | 
 
 
 def _matched_width(rules: LayoutRules, resistance: float, matching: float) -> int:
-    """Return the width in nanometres at which a resistor's relative resistance has the standard deviation `matching`.
+    """Return the smallest width in nanometres at which the standard deviation of a resistor is at most `matching`.
 
-    `resistance`: resistance in ohms. Raises InputError if the process states no mismatch, or the resistor becomes too
-    wide.
+    The standard deviation is a fraction of the mean resistance. `resistance`: mean resistance in ohms. Raises
+    InputError if the process states no mismatch, or the resistor becomes too wide.
     """
     if rules.resistor.mismatch is None:
         raise InputError(f"{rules.process} states no mismatch of resistors; give the width instead of matching")
@@ -150,9 +154,10 @@ def _matched_width(rules: LayoutRules, resistance: float, matching: float) -> in
 def serpentine(rules: LayoutRules, head: Head, width: int, resistance: float, rows: int) -> Serpentine | None:
     """Return the resistor with `rows` rows whose resistance is nearest to a value; None if its body would be too short.
 
-    One row is too short below the smallest length of a body in the process. Several rows are too short if the turns on
-    the left and on the right would lie closer together than the spacing rule permits.
-    `width`: width of the body in nanometres; `resistance`: required resistance in ohms; `rows`: odd number of rows.
+    A body of one row is too short if it is shorter than the smallest length in the process. A body of several rows is
+    too short if the turns on the left and on the right would lie closer together than the spacing rule permits. `head`:
+    measures of the ends; `width`: width of the body in nanometres; `resistance`: required resistance in ohms; `rows`:
+    odd number of rows.
     """
     corners = 2 * (rows - 1)
     length = round(rules.length(resistance, width, corners) / rules.grid) * rules.grid
@@ -170,12 +175,12 @@ def serpentine(rules: LayoutRules, head: Head, width: int, resistance: float, ro
 
 
 def size_resistors(rules: LayoutRules, head: Head, width: int, resistances: Sequence[float]) -> list[Serpentine]:
-    """Return one drawn resistor for each resistance, in this order.
+    """Return one drawn resistor for each resistance, in the order of `resistances`.
 
-    One upper limit of the number of rows is chosen for all resistors, so that width plus height of a tile becomes
-    smallest. Within this limit, each resistor has the number of rows for which its drawing ends at the smallest x.
-    `width`: width of the bodies in nanometres; `resistances`: different values in ohms. Raises InputError for a
-    resistance that cannot be drawn.
+    One upper limit of the number of rows is chosen for all resistors, so that width plus height of a tile (the drawing
+    of one cell) becomes smallest. Within this limit, each resistor has the number of rows for which its drawing ends at
+    the smallest x. `width`: width of the bodies in nanometres; `resistances`: different values in ohms. Raises
+    InputError for a resistance that cannot be drawn.
     """
     for value in resistances:
         if not rules.body_length - rules.grid / 2 <= rules.length(value, width, 0) <= LONGEST:
@@ -205,7 +210,10 @@ def _half_perimeter(head: Head, shapes: Sequence[Serpentine]) -> int:
 
 
 def draw_resistor(rules: LayoutRules, head: Head, shape: Serpentine) -> list[Box]:
-    """Return the rectangles of a resistor: body, ends, covers of the body, and contacts, but not the metal on them."""
+    """Return the rectangles of a resistor: body, ends, covers of the body, and contacts, but not the metal on contacts.
+
+    The body begins at x = 0, and the centre of its first row is at y = 0, in nanometres. `head`: measures of the ends.
+    """
     boxes = [(layer, *box) for layer in rules.body.values() for box in _body(head, shape)]
     half, last = shape.width // 2, (shape.rows - 1) * head.pitch
     for cover in rules.body_covers:

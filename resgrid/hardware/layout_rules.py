@@ -1,4 +1,4 @@
-"""Types for layouts in nanometres: design rules of a process, and drawn cells with placements and labels."""
+"""Types for layouts in nanometres: design rules of a process, drawn cells with placements and labels; via arrays."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class MetalRules:
     name : str
         Name of the metal in the process.
     layer, text : (int, int)
-        Layers of the shapes and of the labels.
+        Layers of the metal's shapes and of its labels.
     width, space : int
         Smallest width and spacing of the metal, in nanometres.
     area : int
@@ -53,9 +53,9 @@ class MetalRules:
 class Cover:
     """A layer that covers resistors.
 
-    `name`: name of the layer in the process; `layer`: its GDSII numbers; `beside`, `beyond`: distances by which it
-    extends past a resistor across and along the current; `width`, `space`: smallest width and spacing, 0 without a
-    rule; lengths are in nanometres.
+    `name`: name of the layer in the process; `layer`: GDSII numbers of the layer; `beside`, `beyond`: distances by
+    which the layer extends past a resistor across and along the current; `width`, `space`: smallest width and spacing
+    of the layer, 0 without a rule; lengths are in nanometres.
     """
 
     name: str
@@ -89,7 +89,8 @@ class LayoutRules:
     head : int
         Smallest length of an end.
     body_covers, covers : tuple of Cover
-        Layers that cover only the bodies of resistors, such as a salicide block, and layers over the whole array.
+        Layers that cover only the bodies of resistors, such as a salicide block; and layers that cover bodies and ends,
+        drawn as one rectangle over the whole array.
     contact_size, contact_space, contact_enclosure, contact_distance : int
         Edge length and spacing of contacts, enclosure by the end, and distance of a contact from the body.
     contact_metal : int
@@ -103,7 +104,7 @@ class LayoutRules:
     passivation : (int, int) or None
         Layer of the openings of pads, if there is one.
     outline : (int, int)
-        Layer of the outline of the block.
+        Layer of the outline of the whole layout.
     """
 
     process: str
@@ -200,7 +201,10 @@ class Placement:
 
 @dataclass(frozen=True)
 class Label:
-    """A text `text` at the place `x`, `y`, in nanometres, on the layer `layer`."""
+    """A label of a cell.
+
+    `text`: its characters; `x`, `y`: its place in nanometres from the origin of the cell; `layer`: its layer in GDSII.
+    """
 
     text: str
     x: int

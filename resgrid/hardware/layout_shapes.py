@@ -17,9 +17,11 @@ Window = tuple[float, float, float, float]
 def expanded_shapes(
     layout: Layout, window: Window | None = None, layers: set[Layer] | None = None
 ) -> dict[Layer, NDArray[np.float64]]:
-    """Return the rectangles of a layout by layer, shape (rectangles, 4): x0, y0, x1, y1 in nanometres.
+    """Return the rectangles of a layout by layer, shape (rectangles, 4).
 
-    `window`: only rectangles that touch it are returned, None for all; `layers`: only these layers, None for all.
+    A rectangle is x0, y0 (lower left corner), x1, y1 (upper right corner), in nanometres from the node of cell (0, 0).
+    `window`: rectangle of the same form, outside which rectangles are left out, None for all; rectangles that touch the
+    window are returned whole. `layers`: layers to return, None for all.
     """
     cells = {cell.name: cell for cell in layout.cells}
     found: dict[Layer, list[NDArray[np.float64]]] = {}
@@ -37,9 +39,9 @@ def _expand(
 ) -> None:
     """Add the rectangles of a cell at several origins, with those of the cells that it contains, to `found`.
 
-    `cells`: all cells by name; `origins` (n, 2): places of the cell's origin, in nanometres; `window`: only rectangles
-    that touch it, None for all; `layers`: only these layers, None for all; `found`: arrays (rectangles, 4) by layer,
-    extended.
+    `cells`: all cells by name; `cell`: the cell to add; `origins` (copies, 2): x and y of the cell's origin for each
+    copy, in nanometres; `window`: only rectangles that touch this rectangle are added, None for all; `layers`: only
+    these layers are added, None for all; `found`: by layer a list of arrays (rectangles, 4) with x0, y0, x1, y1.
     """
     for layer, *corners in cell.boxes:
         if layers is None or layer in layers:

@@ -19,12 +19,14 @@ from resgrid.hardware.layout_rules import Box, DrawnCell, LayoutRules, Placement
 
 @dataclass(frozen=True)
 class TileGeometry:
-    """Measures of a tile, in nanometres, relative to the centre of its bar in row 0 of its resistor along x.
+    """Measures of a tile, the drawing of one cell of the grid, in nanometres from its node.
 
-    `px`, `py`: distances between tiles along x and y; `start`: x at which the bodies of resistors begin; `upper`: y of
-    row 0 of the resistor along y; `back`: y of the centre of the wire of metal 1 from the resistor along y to the next
-    tile; `wire`: width of such wires; `low`, `high`: y of the lower and upper end of the bar; `link`: width of a wire
-    of metal 2 or 3 between goal cells; `stripe`: y of the lower and upper edge of the obstacle rail's wire of metal 2.
+    The node of a tile is a vertical bar of metal 1. The origin is the centre of the bar's width, at the height of the
+    first row of the resistor to the next tile along x. `px`, `py`: distances between tiles along x and y; `start`: x at
+    which the bodies of resistors begin; `upper`: y of the first row of the resistor along y; `back`: y of the centre of
+    the wire of metal 1 from the resistor along y to the next tile; `wire`: width of such wires; `low`, `high`: y of the
+    lower and upper end of the bar; `link`: width of a wire of metal 2 or 3 between goal cells; `stripe`: y of the lower
+    and upper edge of the obstacle rail's wire of metal 2.
     """
 
     px: int
@@ -40,7 +42,11 @@ class TileGeometry:
 
 
 def tile_geometry(rules: LayoutRules, head: Head, shapes: Sequence[Serpentine]) -> TileGeometry:
-    """Return the measures of the smallest tile that holds any two of the given resistors, one along each axis."""
+    """Return the measures of the smallest tile that holds any two of the given resistors, one along each axis.
+
+    A tile is the drawing of one cell of the grid. `head`: measures of the ends of resistors; `shapes`: all different
+    resistors.
+    """
     metal, second = rules.metals[0], rules.metals[1]
     half, over = shapes[0].width // 2, rules.overlap
     wire = rules.even(max(rules.contact_size + 2 * rules.contact_metal, metal.width))
@@ -75,8 +81,9 @@ def tile_geometry(rules: LayoutRules, head: Head, shapes: Sequence[Serpentine]) 
 def tile_cells(rules: LayoutRules, head: Head, tile: TileGeometry, shapes: Sequence[Serpentine]) -> list[DrawnCell]:
     """Return the GDSII cells that tiles consist of.
 
-    They are vias, the bar, the ties to the obstacle rail and to a goal, and three cells per different resistance: cell
-    ``r3`` is a resistor, ``x3`` connects it to the bar of a tile and to the next bar along x, and ``y3`` along y.
+    They are single vias, the bar of metal 1 that is a node, the ties (vias) from a bar to the obstacle rail and to a
+    goal, and three cells per different resistance: cell ``r3`` is a resistor, ``x3`` connects this resistor to the bar
+    of a tile and to the next bar along x, and ``y3`` along y. `shapes`: the drawn resistor of each resistance.
     """
     first, second, third = rules.metals[:3]
     half, link = head.bar // 2, tile.link // 2
@@ -103,7 +110,10 @@ def tile_cells(rules: LayoutRules, head: Head, tile: TileGeometry, shapes: Seque
 def _along_x(
     rules: LayoutRules, head: Head, tile: TileGeometry, shape: Serpentine, name: str
 ) -> tuple[tuple[Box, ...], tuple[Placement, ...]]:
-    """Return the wires of metal 1 and the placed resistor `name` that connect a bar to the next one along x."""
+    """Return the wires of metal 1 and the placed resistor that connect the bar of a tile to the next bar along x.
+
+    A bar is the vertical piece of metal 1 that is the node of a tile. `shape`: the resistor; `name`: name of its cell.
+    """
     layer, half = rules.metals[0].layer, tile.wire // 2
     x, y = tile.start + shape.end + head.contact, (shape.rows - 1) * head.pitch
     boxes: list[Box] = [(layer, x - half, y - head.metal, x + half, y + head.metal)]
@@ -114,7 +124,10 @@ def _along_x(
 def _along_y(
     rules: LayoutRules, head: Head, tile: TileGeometry, shape: Serpentine, name: str
 ) -> tuple[tuple[Box, ...], tuple[Placement, ...]]:
-    """Return the wires of metal 1 and the placed resistor `name` that connect a bar to the next one along y."""
+    """Return the wires of metal 1 and the placed resistor that connect the bar of a tile to the next bar along y.
+
+    A bar is the vertical piece of metal 1 that is the node of a tile. `shape`: the resistor; `name`: name of its cell.
+    """
     layer, half = rules.metals[0].layer, tile.wire // 2
     x, y = tile.start + shape.end + head.contact, tile.upper + (shape.rows - 1) * head.pitch
     boxes: list[Box] = [(layer, x - half, y - head.metal, x + half, tile.back + half)]
@@ -135,10 +148,11 @@ def placements(cell: str, mask: NDArray[np.bool_], tile: TileGeometry, origin: t
 
 
 def rectangles(mask: NDArray[np.bool_]) -> Iterator[tuple[int, int, int, int]]:
-    """Yield disjoint rectangles (first column i, first row j, columns, rows) that cover the true entries of a mask.
+    """Yield disjoint rectangles that cover exactly the true entries of a mask.
 
-    Runs of true entries along one axis are merged with equal runs in the next lines; the axis that gives fewer
-    rectangles is chosen. `mask`: array (columns, rows).
+    A rectangle is (first column, first row, number of columns, number of rows). Runs of true entries along one axis are
+    merged with equal runs in the next lines; the axis that gives fewer rectangles is chosen. `mask`: array (columns,
+    rows).
     """
     along = _merged_runs(mask)
     across = _merged_runs(mask.T)
@@ -149,7 +163,10 @@ def rectangles(mask: NDArray[np.bool_]) -> Iterator[tuple[int, int, int, int]]:
 
 
 def _merged_runs(mask: NDArray[np.bool_]) -> list[tuple[int, int, int, int]]:
-    """Return rectangles (i, j, columns, rows) of runs of true entries along the first axis, merged along the second."""
+    """Return rectangles of runs of true entries along the first axis, merged with equal runs along the second axis.
+
+    A rectangle is (first index along axis 0, first index along axis 1, entries along axis 0, entries along axis 1).
+    """
     found: list[tuple[int, int, int, int]] = []
     begun: Mapping[tuple[int, int], int] = {}
     for j in range(mask.shape[1] + 1):

@@ -19,9 +19,10 @@ _RANGE = re.compile(r"([A-Z]+)(\d+)(?:-\1(\d+))?")
 
 
 def check_lists(record: HardwareRecord, folder: Path) -> list[str]:
-    """Return a message for every entry of the lists of a board that contradicts its record.
+    """Return a message for every entry of a board's two lists that contradicts the record of the board.
 
-    `folder`: folder of the board; a list that is absent is not compared.
+    The lists are the bill of materials and the expected voltages. `folder`: folder of the board; a list that is absent
+    is not compared.
     """
     messages = []
     for name, differences in ((VOLTAGES, _voltage_differences), (BILL, _bill_differences)):
@@ -75,9 +76,9 @@ def _bill_differences(record: HardwareRecord, rows: list[dict[str, str]]) -> Ite
 
 
 def _absent_resistors(record: HardwareRecord, found: Mapping[str, float | None]) -> Iterator[str]:
-    """Yield a message for every resistor that only one of record and bill contains.
+    """Yield a message for every resistor that only the record or only the bill of materials contains.
 
-    `found`: resistances in ohms by reference, as the bill states them.
+    `found`: resistances in ohms by reference, from the bill of materials.
     """
     resistors = [part.reference for part in record.parts if part.type == "resistor"]
     yield from (f"{reference} is missing" for reference in resistors if reference not in found)

@@ -1,4 +1,4 @@
-"""Check of an archive for a board manufacturer: its Gerber and drill files against those of the board."""
+"""Comparison of the Gerber and drill files in an archive for a board manufacturer with those of the board."""
 
 from __future__ import annotations
 

@@ -40,10 +40,16 @@ LARGEST_PITCH = 25.4
 
 _ORIGIN = (20.0, 20.0)
 _LEFT, _RIGHT, _TOP, _BOTTOM = 11.0, 7.0, 9.0, 16.0
-"""Widths of the margins between the ring of the high rail and the edges of the board, in millimetres."""
+"""Widths of the margins between the ring of the high rail and the edges of the board, in millimetres.
+
+The ring is the track around the grid on the net of the positive supply.
+"""
 
 LANE = 0.6
-"""Distance between neighbouring vertical tracks outside the ring of the high rail, in millimetres."""
+"""Distance between neighbouring vertical tracks outside the ring of the high rail, in millimetres.
+
+The ring is the track around the grid on the net of the positive supply.
+"""
 
 CHANNELS = 4
 """Largest number of pins of a header row for an analogue-to-digital converter, and largest number of such rows."""
@@ -56,8 +62,9 @@ _LINK_SPACING = 4.2
 class Channel:
     """A pin of a header row for a converter.
 
-    `cell`: the cell (column, row) whose voltage it carries; `net`: net of the cell; `pin`: place (x, y) of the pin, in
-    millimetres from the upper left corner of the sheet, y downwards.
+    The converter is an analogue-to-digital converter. `cell`: the cell (column, row) whose voltage the pin carries;
+    `net`: net of the cell; `pin`: place (x, y) of the pin, in millimetres from the upper left corner of the sheet, y
+    downwards.
     """
 
     cell: Index
@@ -69,7 +76,8 @@ class Channel:
 class GoalTap:
     """The cell at which the track of a goal region begins.
 
-    `net`: net of the region; `cell`: (column, row); `lane`: 0, or 1 for the second track in the same row of the grid.
+    The track leads to the header that ties the region to ground. `net`: net of the region; `cell`: (column, row);
+    `lane`: 0, or 1 for the second of two tracks that begin in the same row of the grid.
     """
 
     net: str
@@ -110,16 +118,20 @@ class Placement:
         return columns, rows
 
     def at(self, i: float, j: float) -> Point:
-        """Return the place (x, y) of a cell's centre in millimetres.
+        """Return the place (x, y) of a cell's centre, in millimetres from the upper left corner of the sheet.
 
-        `i`, `j`: column and row, also fractions or outside.
+        x points to the right and y downwards. `i`: column from the left; `j`: row from the bottom. Both may be
+        fractions or lie outside the grid.
         """
         left, top = _ORIGIN[0] + _LEFT + self.pitch, _ORIGIN[1] + _TOP + self.pitch
         return rounded(left + i * self.pitch, top + (self.shape[1] - 1 - j) * self.pitch)
 
     @cached_property
     def ring(self) -> tuple[float, float, float, float]:
-        """Left x, upper y, right x and lower y of the track of the high rail around the grid, in millimetres."""
+        """Left x, upper y, right x and lower y of the track around the grid, in millimetres on the sheet, y downwards.
+
+        This track belongs to the high rail, the net of the positive supply.
+        """
         (x0, y0), (x1, y1) = self.at(-1, self.shape[1]), self.at(self.shape[0], -1)
         return x0, y0, x1, y1
 
@@ -137,7 +149,7 @@ class Placement:
 
     @property
     def corner(self) -> Point:
-        """Place (x, y) of the lower right corner of the board, in millimetres."""
+        """Place (x, y) of the lower right corner of the board, in millimetres from the sheet's upper left corner."""
         return rounded(_ORIGIN[0] + self.size[0], _ORIGIN[1] + self.size[1])
 
     @property
@@ -158,7 +170,10 @@ class Placement:
 
     @property
     def test_pads(self) -> list[PlacedFootprint]:
-        """The test pads of all cells with a node, row by row from the top; the value text is the cell: ``"3,4"``."""
+        """The test pads of all cells with a test pad, row by row from the top; the value text is the cell: ``"3,4"``.
+
+        These are the free cells and goal cells with a node; on a board with jumpers, all cells.
+        """
         cells = sorted(self.circuit.cell_nets, key=lambda cell: (-cell[1], cell[0]))
         return [
             PlacedFootprint(
@@ -189,7 +204,8 @@ class Placement:
     def channels(self) -> list[list[Channel]]:
         """Header rows for a converter, from the top, each with the pins for at most four cells of one row of the grid.
 
-        There are at most four header rows.
+        There are at most four header rows. The pins of a header row are listed from the top: the pin of the rightmost
+        cell comes first.
         """
         result, lowest = list[list[Channel]](), self.ring[1] + 0.5
         for j in self._channel_rows():
@@ -210,7 +226,7 @@ class Placement:
         """Return the rows of the grid that get a header row for a converter, from the top.
 
         They are far enough apart for the pins of the headers. Rows in which the track of a goal region begins are left
-        out, because the tracks of both would cut the copper plane between them into pieces.
+        out, because this track and the tracks to the header would cut the copper plane between them into pieces.
         """
         rows = self.shape[1]
         taken = {tap.cell[1] for tap in self.goal_taps}
@@ -225,9 +241,10 @@ class Placement:
         return chosen
 
     def lane(self, number: float) -> float:
-        """Return the distance in millimetres of a horizontal track above the centre of its row of cells.
+        """Return the distance in millimetres of a horizontal track to a converter header above its row of cells.
 
-        `number`: number of the track to a converter header, from 0 for the lowest one in the row.
+        The distance is measured from the centres of the cells. `number`: number of the track, from 0 for the lowest
+        track of the row; a fraction gives a height between tracks.
         """
         first = 1.5 if self.circuit.kind == "fixed" else self.pitch / 2 - 0.325
         return first + 0.45 * number
@@ -310,7 +327,7 @@ class Placement:
 
     @cached_property
     def parts(self) -> list[PlacedFootprint]:
-        """All parts of the board."""
+        """All parts of the board: resistors, solder jumpers, test pads, headers and mounting holes, in this order."""
         return [*self.resistors, *self.jumpers, *self.test_pads, *self.headers, *self.holes]
 
 

@@ -1,4 +1,4 @@
-"""Copper of the rail plane on the back: the board's area without the clearances around other nets."""
+"""Computation of the copper plane of the high rail on the back: the board's area less clearances around other nets."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from resgrid.hardware.placement import Placement, Point
 from resgrid.hardware.routing import Routing
 
 _CLEARANCE = 0.3
-"""Distance between the copper plane and copper of other nets that the board file states, in millimetres."""
+"""Clearance that the board file states for the copper plane, in millimetres: its distance from copper of other nets."""
 
 _DISTANCE = 0.32
-"""Distance between the plane and copper of other nets that is cut out, in millimetres.
+"""Distance from copper of other nets at which the polygons of the plane end, in millimetres.
 
-It exceeds `_CLEARANCE`, because polygons replace arcs and lie up to 1 % inside them.
+It exceeds the stated clearance `_CLEARANCE`, because polygons replace arcs and lie up to 1 % inside them.
 """
 
 _EDGE = 0.6
@@ -29,7 +29,10 @@ _HOLE = 0.6
 """Distance between the copper plane and mounting holes, in millimetres."""
 
 _GAP, _SPOKE = 0.45, 0.7
-"""Width of the gap around a soldered pin of the plane's net, and of the four spokes across the gap, in millimetres."""
+"""Width of the gap around a soldered pin of the plane's net, and width of the four spokes across it, in millimetres.
+
+The gap keeps the heat of soldering in the pin (thermal relief).
+"""
 
 _THINNEST = 0.3
 """Smallest width of the plane's copper, in millimetres; thinner parts are removed."""
@@ -39,9 +42,9 @@ _STEPS = 8
 
 
 def fill_plane(placement: Placement, routing: Routing) -> Plane:
-    """Return the copper plane of the high rail on the back of a board.
+    """Return the copper plane of the high rail (the net of the positive supply) on the back of a board.
 
-    Parts of the copper that no via or pad of the high rail touches are left out.
+    Pieces of the copper that no via or pad of the high rail touches are left out.
     """
     net = placement.circuit.high_net
     (x0, y0), (x1, y1) = placement.origin, placement.corner
@@ -72,9 +75,9 @@ def _cut_part(
 ) -> None:  # fmt: skip
     """Append the areas that the holes and pads of a part cut out of the plane, and the spokes to its soldered pins.
 
-    `net`: net of the plane; `cut`: areas around pads of other nets and around holes; `gaps`: areas around soldered pins
-    of the plane's net; `spokes`: connections across these gaps; `contacts`: places at which pads of this net meet the
-    plane. The last four lists are extended.
+    `placed`: the part; `net`: net of the plane; `cut`: areas around pads of other nets and around holes; `gaps`: areas
+    around soldered pins of the plane's net; `spokes`: connections across these gaps; `contacts`: places at which pads
+    of the plane's net meet the plane. The last four are lists, which are extended.
     """
     soldered = "through_hole" in placed.footprint.attributes
     for number, pad in enumerate(placed.footprint.pads):
@@ -104,7 +107,7 @@ def _cut_part(
 
 
 def _polygons(area: BaseGeometry) -> Iterator[Polygon]:
-    """Yield the polygons of an area, sorted by their left and then by their upper end."""
+    """Yield the polygons of an area, sorted by their smallest x and then by their smallest y (y downwards)."""
     parts = [part for part in getattr(area, "geoms", [area]) if isinstance(part, Polygon) and not part.is_empty]
     yield from sorted(parts, key=lambda part: part.bounds)
 

@@ -178,7 +178,7 @@ def write_record(file: str | os.PathLike[str], record: HardwareRecord) -> Path:
 
 
 def format_record(record: HardwareRecord) -> str:
-    """Return the text of a record: sorted JSON with one part, source, voltage or cell per line.
+    """Return the text of a record: JSON with sorted keys, and one part, source, voltage or cell of a net per line.
 
     Numbers are exact: reading them gives the same floating-point numbers.
     """

@@ -1,4 +1,8 @@
-"""Tracks and vias of a board, by construction: the grid on the front, the rails and the headers' tracks on the back."""
+"""Computation of the tracks and vias of a board by fixed rules, without a search.
+
+The front has the tracks of the grid, of goal regions, of the ring of the high rail, and of ground.  The back has the
+tracks of the goal rails and of converter headers; its copper plane is computed elsewhere.
+"""
 
 from __future__ import annotations
 
@@ -15,21 +19,24 @@ from resgrid.hardware.placement import LANE, Placement, Point, rounded
 from resgrid.hardware.record import GROUND
 
 _RAIL, _THIN, _WIDE = 0.8, 0.2, 0.3
-"""Widths of the tracks of rails, of those to converter headers, and of those of goal regions, in millimetres."""
+"""Widths of the tracks of rails, of tracks to converter headers, and of tracks from goal regions, in millimetres."""
 
 _CLEARANCE = 0.2
 """Smallest distance between tracks on different nets, in millimetres."""
 
 _BELOW = 1.65
-"""Distance of the first horizontal goal track below the centre of its row of cells, in millimetres."""
+"""Distance of the lower horizontal track of a goal region below the centre of its row of cells, in millimetres."""
 
 _FIRST_LANE = 0.95
-"""Distance of the innermost vertical track from the ring of the high rail, in millimetres."""
+"""Distance of the innermost vertical track from the ring of the high rail, in millimetres.
+
+The ring is the track around the grid on the net of the positive supply.
+"""
 
 
 @dataclass(frozen=True)
 class Routing:
-    """Tracks and vias of a board, without pads and the copper plane."""
+    """The tracks and vias of a board (`tracks`, `vias`), without pads and the copper plane."""
 
     tracks: tuple[Track, ...]
     vias: tuple[Via, ...]
@@ -61,7 +68,10 @@ def _path(points: list[Point], net: str, layer: str, width: float) -> Iterator[T
 
 
 def _grid(placement: Placement) -> Iterator[Track | Via]:
-    """Yield the tracks from every resistor to the cells at its ends, and the vias from obstacle cells to the plane."""
+    """Yield the tracks from every resistor to the cells at its ends, and vias to the plane at cells without a test pad.
+
+    These cells are obstacles. The copper plane on the back has the net of the positive supply.
+    """
     circuit = placement.circuit
     columns, rows = placement.shape
     for part, placed in zip(circuit.resistors, placement.resistors, strict=True):
@@ -74,7 +84,10 @@ def _grid(placement: Placement) -> Iterator[Track | Via]:
 
 
 def _ring(placement: Placement) -> Iterator[Track | Via]:
-    """Yield the closed track of the high rail around the grid, with a via to the plane at every row and column."""
+    """Yield the closed track of the high rail around the grid, with vias to the plane at both ends of rows and columns.
+
+    The high rail is the net of the positive supply, to which the copper plane on the back belongs, too.
+    """
     net, (x0, y0, x1, y1) = placement.circuit.high_net, placement.ring
     yield from _path([(x0, y0), (x1, y0), (x1, y1), (x0, y1), (x0, y0)], net, "F.Cu", _RAIL)
     columns, rows = placement.shape
@@ -87,7 +100,7 @@ def _ring(placement: Placement) -> Iterator[Track | Via]:
 
 
 def _goal_regions(placement: Placement) -> Iterator[Track]:
-    """Yield the tracks between neighbouring cells of a goal region."""
+    """Yield the tracks between neighbouring cells of a goal region; none on a board with jumpers."""
     if placement.circuit.kind == "jumpers":
         return
     goal = placement.circuit.space.cell == Cell.GOAL
@@ -110,8 +123,9 @@ def _links(placement: Placement) -> dict[str, Point]:
 def _goal_tracks(placement: Placement) -> Iterator[Track]:
     """Yield the tracks of goal regions on the back.
 
-    Each begins at the cell of its region's `GoalTap`, runs below this cell's row to the right, and outside the ring of
-    the high rail down to the header that ties the region to ground.
+    Each track begins at one chosen cell of its region, and runs below the row of this cell to the right. Outside the
+    ring of the high rail it runs down, to the header that ties the region to ground. A board with jumpers has no such
+    tracks.
     """
     _, _, right, bottom = placement.ring
     links = _links(placement)
@@ -124,9 +138,11 @@ def _goal_tracks(placement: Placement) -> Iterator[Track]:
 
 
 def _jumpers(placement: Placement) -> Iterator[Track | Via]:
-    """Yield the tracks of solder jumpers to the cell's node, to the plane, and to the row's track of the goal rail.
+    """Yield the tracks from every solder jumper to its cell's node, the copper plane and the goal rail, with the rail.
 
-    These tracks of the goal rail are included; a board of kind "fixed" has none of them.
+    The goal rail has one horizontal track per row of cells on the back, and a vertical track that joins them and leads
+    to the header that ties the rail to ground. A board of kind "fixed" has no solder jumpers, so that nothing is
+    yielded.
     """
     circuit = placement.circuit
     if circuit.kind == "fixed":
@@ -157,7 +173,8 @@ def _jumpers(placement: Placement) -> Iterator[Track | Via]:
 def _channels(placement: Placement) -> Iterator[Track | Via]:
     """Yield the tracks on the back from cells to the header rows of a converter.
 
-    The horizontal tracks of a row lie above its cells. The leftmost cell has the lowest one, so that no tracks cross.
+    The horizontal tracks of a row lie above the cells of the row. The leftmost cell has the lowest track, so that no
+    tracks cross.
     """
     left = placement.ring[0]
     for group in placement.channels:

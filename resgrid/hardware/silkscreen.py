@@ -24,9 +24,9 @@ _FREE_OF_PADS, _FREE_OF_TEXT = 0.25, 0.2
 """Smallest distances of printed lines from pads and from texts, in millimetres."""
 
 _INSET, _OVERLAP = 0.3, 0.02
-"""Distance of the printed outline of obstacles from the border of their cells, and overlap of cells, in millimetres.
+"""Distance of the printed outline of obstacles from the border of their cells, in millimetres, and an overlap.
 
-With the overlap, the union of neighbouring cells has no gaps.
+Cells are widened by the overlap, in millimetres, before neighbours are joined, so that their union has no gaps.
 """
 
 SEE_BACK = "voltages: see back"
@@ -36,7 +36,7 @@ _LEGEND = 5
 """Largest number of lines of the legend on the front; a longer legend is printed on the back only."""
 
 _SHORTEST = 0.35
-"""Length in millimetres below which the rest of a line between texts and pads is not printed."""
+"""Largest length of a piece of a line between texts and pads that is not printed, in millimetres."""
 
 Legend = tuple[str, str, tuple[str, ...]]
 """Texts of a board: title, second line, and lines of the legend of voltages."""
@@ -87,7 +87,7 @@ def _fitted(text: str, x: float, y: float, width: float, size: float) -> Text:
 
 
 def _numbers(placement: Placement) -> Iterator[Text]:
-    """Yield the numbers of columns and rows, which are printed on all four sides of the grid."""
+    """Yield the numbers of columns, above and below the grid, and of rows, to its left and right."""
     x0, y0, x1, y1 = placement.ring
     columns, rows = placement.shape
     for i in range(columns):
@@ -101,9 +101,10 @@ def _numbers(placement: Placement) -> Iterator[Text]:
 
 
 def _cell_labels(placement: Placement, starts: set[Index]) -> Iterator[Text]:
-    """Yield the labels of test pads, goals and starts; on a board with jumpers also "O" and "G" at their outer pads.
+    """Yield the labels of cells: column and row, and the words GOAL and START on a board of kind "fixed".
 
-    `starts`: cells (column, row) of the scene's starts.
+    A board with jumpers has "O" (obstacle) and "G" (goal) at the outer pads of the solder jumpers instead of these
+    words. `starts`: cells (column, row) of the scene's starts.
     """
     circuit = placement.circuit
     regions = circuit.space.goal_region
@@ -124,7 +125,10 @@ def _cell_labels(placement: Placement, starts: set[Index]) -> Iterator[Text]:
 
 
 def _terminal_labels(placement: Placement) -> Iterator[Text]:
-    """Yield the labels of the pins of supply, reference header, goal links and converter headers."""
+    """Yield the labels of the pins of supply, reference header, goal links and converter headers.
+
+    A goal link is a two-pin header that ties a goal region to ground.
+    """
     wiring = placement.circuit.wiring
     high = f"{wiring.supply:+g}V"
     for placed in placement.headers:
@@ -148,7 +152,8 @@ def _terminal_labels(placement: Placement) -> Iterator[Text]:
 def _front_legend(placement: Placement, lines: Iterable[str]) -> Iterator[Text]:
     """Yield the legend between the reference header and the goal links; nothing if it would have more than five lines.
 
-    `lines`: lines of the legend, which are divided at spaces to fit.
+    Goal links are two-pin headers that tie goal regions to ground. `lines`: lines of the legend, which are divided at
+    spaces to fit between them.
     """
     left, _, right, bottom = placement.ring
     links = [placed.x for placed in placement.headers if placed.value.startswith("LINK")]
@@ -160,10 +165,10 @@ def _front_legend(placement: Placement, lines: Iterable[str]) -> Iterator[Text]:
 
 
 def _back(placement: Placement, legend: Legend) -> Iterator[Text]:
-    """Yield the printed texts of the back: title, three lines of the legend, and the expected voltage below each pad.
+    """Yield the printed texts of the back: title, at most three lines of the legend, and expected voltages below pads.
 
-    A board of kind "jumpers" has no expected voltages, because it serves every scene of its size.
-    `legend`: title, second line, and lines of the legend.
+    A board of kind "jumpers" has no expected voltages, because it serves every scene of its size. `legend`: title,
+    second line, and lines of the legend.
     """
     (x0, y0), (x1, y1) = placement.origin, placement.corner
     title = _fitted(legend[0], 0.0, y0 + 2.9, x1 - x0 - 16.5, 1.2)
@@ -186,7 +191,7 @@ def _back(placement: Placement, legend: Legend) -> Iterator[Text]:
 def _wrapped(lines: Iterable[str], most: int) -> list[str]:
     """Return the given lines, divided at spaces into lines of at most `most` characters; a limit below 12 counts as 12.
 
-    A longer word is divided, too.
+    A word that is longer than the limit is divided, too.
     """
     return [part for line in lines for part in wrap(line, max(most, 12))]
 
@@ -207,7 +212,7 @@ def _blocked(placement: Placement, texts: list[Text]) -> BaseGeometry:
 
 
 def _lines(placement: Placement) -> Iterator[LineString]:
-    """Yield the lines of the scene's picture before those on texts and pads are removed.
+    """Yield the lines of the scene's picture, also lines across texts and pads, which are removed later.
 
     They are the border, hatched obstacles, and two circles around each goal cell.
     """
@@ -224,7 +229,7 @@ def _lines(placement: Placement) -> Iterator[LineString]:
 
 
 def _area(placement: Placement, cells: Iterable[Index]) -> BaseGeometry:
-    """Return the union of cells (column, row) on the board in millimetres, smaller by `_INSET` on all sides."""
+    """Return the area on the board that cells (column, row) cover, in millimetres, smaller by 0.3 mm on all sides."""
     half = placement.pitch / 2
     squares = []
     for cell in cells:
@@ -251,7 +256,10 @@ def _hatched(area: BaseGeometry) -> Iterator[LineString]:
 
 
 def _border(placement: Placement) -> Iterator[LineString]:
-    """Yield the border of the grid, with short oblique lines outside the sides that act as obstacles."""
+    """Yield the border of the grid, with short oblique lines outside the sides that act as obstacles.
+
+    Such sides have resistors to the obstacle rail.
+    """
     columns, rows = placement.shape
     (x0, y0), (x1, y1) = placement.at(-0.5, rows - 0.5), placement.at(columns - 0.5, -0.5)
     corners = ((x0, y0), (x1, y0), (x1, y1), (x0, y1))

@@ -23,14 +23,15 @@ The power that the resistors withstand may lower this limit.
 """
 
 CHEAP = 100.0
-"""Width and height in millimetres up to which manufacturers of boards charge least."""
+"""Largest width and height of boards, in millimetres, for which manufacturers charge least."""
 
 
 def format_readme(board: Board, yields: Mapping[int, Proportion], *, manufactured: bool) -> str:
     """Return the text of ``README.md`` in the folder of a board.
 
-    `yields`: fraction of free cells from which a simulated robot arrives at a goal, by the resolution of the converter
-    in bits; `manufactured`: whether the folder contains the files for a manufacturer.
+    `yields`: fraction of starts on simulated boards from which a robot arrives at a goal, by the resolution of the
+    converter in bits; `manufactured`: whether the folder contains the files for a manufacturer; otherwise the text
+    explains how to make them.
     """
     parts = (
         _head(board),
@@ -95,7 +96,8 @@ robot that always steps to the neighbour with the lowest voltage arrives at the 
 def _order(board: Board, *, manufactured: bool) -> str:
     """Return the section about ordering the board and its parts as Markdown.
 
-    `manufactured`: whether the folder contains the files for a manufacturer.
+    `manufactured`: whether the folder contains the files for a manufacturer; otherwise the section explains how to make
+    them.
     """
     rows = "\n".join(
         f"| {quantity} | {value} | {package} | {tolerance} | {about} |"
@@ -179,8 +181,8 @@ are negative then. Any other supply of up to {most:.2g} V also works: all voltag
 def _yield(board: Board, yields: Mapping[int, Proportion]) -> str:
     """Return the section about the predicted yield as Markdown.
 
-    `yields`: fraction of free cells from which a simulated robot arrives at a goal, by the resolution of the converter
-    in bits.
+    `yields`: fraction of starts on simulated boards from which a robot arrives at a goal, by the resolution of the
+    converter in bits.
     """
     advice = "If too few starts arrive, take a finer converter."
     if board.circuit.wiring.boundary == "dirichlet":

@@ -111,7 +111,7 @@ def kicad_remedy() -> str:
 
 
 def find_klayout() -> KlayoutPython:
-    """Return a Python interpreter with klayout: that of ``RESGRID_KLAYOUT_PYTHON``, by default the running one.
+    """Return a Python interpreter with klayout: that of ``RESGRID_KLAYOUT_PYTHON``, or else the running interpreter.
 
     Raises ToolMissingError if the interpreter cannot import ``klayout.db``.
     """

@@ -57,11 +57,11 @@ class PlacedFootprint:
     """A footprint on the board.
 
     Places are in millimetres from the upper left corner of the sheet, y downwards. `footprint`: the footprint;
-    `reference`, `value`: texts such as R7 and 10k; `x`, `y`: centre; `turn`: rotation in degrees, counterclockwise: 0,
-    90, 180 or 270; `nets`: nets of the pads of `footprint`, in their order; `label`: place (x, y) of the reference on
-    the silkscreen, None if only the fabrication layer shows it; `label_turn`: rotation of the reference in degrees;
-    `label_size`: width and height of its letters in mm; `path`: UUIDs that lead to the part's symbol in the schematic,
-    empty without one.
+    `reference`, `value`: texts such as R7 and 10k; `x`, `y`: place of the footprint's origin, which is its centre, or
+    pin 1 of a pin header; `turn`: rotation in degrees, counterclockwise: 0, 90, 180 or 270; `nets`: nets of the pads of
+    `footprint`, in their order; `label`: place (x, y) of the reference on the silkscreen, None if only the fabrication
+    layer shows it; `label_turn`: rotation of the reference in degrees; `label_size`: width and height of its letters in
+    mm; `path`: UUIDs that lead to the part's symbol in the schematic, empty without one.
     """
 
     footprint: Footprint
@@ -174,10 +174,10 @@ def placed_tree(placed: PlacedFootprint, nets: Mapping[str, int]) -> Node:
 
 
 def _properties(reference: str, value: str, key: str, placed: PlacedFootprint | None = None) -> list[Node]:
-    """Return the S-expressions of the texts of a footprint: reference, value, and two empty ones that KiCad requires.
+    """Return the S-expressions of the texts of a footprint: reference, value, and two empty texts that KiCad requires.
 
-    `reference`, `value`: texts; `key`: name from which identifiers are derived; `placed`: the footprint on a board,
-    None in a library.
+    `reference`, `value`: texts; `key`: name from which the UUIDs are derived; `placed`: the footprint on a board, which
+    gives the place of the reference; None in a library.
     """
     where, layer, turn, size = (0.0, 0.0), "F.Fab", 0, (0.8, 0.8)
     if placed is not None and placed.label is not None:
@@ -207,7 +207,7 @@ def _effects(size: Sequence[float]) -> Node:
 def _contents(footprint: Footprint, key: str, nets: Mapping[str, tuple[int, str]], turn: int = 0) -> list[Node]:
     """Return the S-expressions of attributes, lines, courtyard and pads of a footprint.
 
-    `key`: name from which identifiers are derived; `nets`: number and name of the net of each pad, by the pad's number;
+    `key`: name from which the UUIDs are derived; `nets`: number and name of the net of each pad, by the pad's number;
     `turn`: rotation of the footprint in degrees.
     """
     parts: list[Node] = [["attr", *map(Word, footprint.attributes)]] if footprint.attributes else []
@@ -259,8 +259,8 @@ def _pad(pad: Pad, key: str, net: tuple[int, str] | None, turn: int) -> Node:
 class Graphics:
     """Lines and texts of a board that belong to no part.
 
-    `lines`: ends and width, and name of the layer: (x0, y0, x1, y1, width, layer), in millimetres from the upper left
-    corner of the sheet, y downwards; `texts`: the texts.
+    `lines`: (x0, y0, x1, y1, width, layer), the ends and the width in millimetres from the upper left corner of the
+    sheet, y downwards, and the name of the layer; `texts`: the texts.
     """
 
     lines: list[tuple[float, float, float, float, float, str]] = field(default_factory=list)

@@ -1,4 +1,4 @@
-"""Boards as KiCad files: layers, nets, footprints, tracks, vias, the plane, and graphics."""
+"""Types for tracks, vias, the copper plane and the contents of a board, and the writer of KiCad's board file."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class Plane:
 
     Lengths are in millimetres, from the upper left corner of the sheet, y downwards. `net`: its net; `layer`: name of
     the copper layer; `outline`: corners of the zone that may be filled; `filled`: corners of each polygon of copper;
-    `clearance`: distance from copper of other nets that the board file states.
+    `clearance`: distance from copper of other nets, as stated in the board file.
     """
 
     net: str
@@ -181,7 +181,8 @@ def _outline(board: BoardDrawing) -> list[Node]:
 def _line(number: int, x0: float, y0: float, x1: float, y1: float, width: float, layer: str) -> Node:
     """Return the S-expression of a printed line.
 
-    `number`: index of the line, for its identifier; `x0`, `y0`, `x1`, `y1`: ends in mm; `width`: in mm.
+    `number`: index of the line, for its UUID; `x0`, `y0`, `x1`, `y1`: ends in mm from the upper left corner of the
+    sheet, y downwards; `width`: in mm; `layer`: name of the layer.
     """
     return [
         "gr_line", ["start", x0, y0], ["end", x1, y1], ["stroke", ["width", width], ["type", Word("solid")]],
@@ -190,7 +191,7 @@ def _line(number: int, x0: float, y0: float, x1: float, y1: float, width: float,
 
 
 def _text(number: int, text: Text) -> Node:
-    """Return the S-expression of a printed text, mirrored on the back; `number`: index, for its identifier."""
+    """Return the S-expression of a printed text, mirrored on the back; `number`: index of the text, for its UUID."""
     justify = [*([Word(text.align)] if text.align else []), *([Word("mirror")] if text.layer.startswith("B.") else [])]
     return [
         "gr_text", text.text, ["at", text.x, text.y, text.turn], ["layer", text.layer], uuid_of("words", number),

@@ -1,4 +1,4 @@
-"""Schematics as KiCad files: symbols, wires, labels, and sheets."""
+"""Types for placed symbols and sheets of a schematic, and the writer of KiCad's schematic files."""
 
 from __future__ import annotations
 
@@ -91,9 +91,9 @@ class Sheet:
 
 
 def symbol_path(sheet: Sheet, reference: str) -> str:
-    """Return the path of UUIDs by which a footprint of the board refers to its symbol.
+    """Return the path of UUIDs by which a footprint of the board refers to its symbol, such as ``/UUID/UUID``.
 
-    `reference`: reference of the part.
+    `sheet`: sheet with the symbol; `reference`: reference of the part.
     """
     own = f"/{identity('symbol', reference)}"
     return f"/{sheet.identity}{own}" if sheet.name else own
@@ -102,7 +102,8 @@ def symbol_path(sheet: Sheet, reference: str) -> str:
 def format_sheet(sheet: Sheet, root: Sheet, title: str, revision: str, comments: Iterable[str]) -> str:
     """Return the text of a sheet (``.kicad_sch``).
 
-    `root`: first sheet of the schematic; `title`, `revision`, `comments`: texts of the title block.
+    `root`: first sheet of the schematic, which refers to the others; `title`, `revision`, `comments`: texts of the
+    title block.
     """
     used = {placed.symbol.name: placed.symbol for placed in sheet.symbols}
     path = f"/{root.identity}" if sheet is root else f"/{root.identity}/{sheet.identity}"
@@ -168,7 +169,7 @@ def _symbol(placed: PlacedSymbol, path: str) -> Node:
 
 
 def _field(placed: PlacedSymbol, name: str, text: str, place: TextPlace | None) -> Node:
-    """Return the S-expression of a field of a symbol, which is always horizontal.
+    """Return the S-expression of a text field of a symbol; the text is always horizontal.
 
     `name`, `text`: name and value of the field; `place`: its place, None if it is hidden.
     """
@@ -227,9 +228,10 @@ def _area(number: int, area: tuple[Point, Point, tuple[int, int, int]], sheet: s
 
 
 def _child(child: Sheet, at: Point, size: Point, path: str, page: int) -> Node:
-    """Return the S-expression of the symbol of a further sheet on the root.
+    """Return the S-expression of the symbol of a further sheet on the root sheet.
 
-    `at`: upper left corner in mm; `size`: width and height in mm; `path`: path of the root; `page`: page of the sheet.
+    `child`: the further sheet; `at`: upper left corner of the symbol in mm; `size`: width and height of the symbol in
+    mm; `path`: path of UUIDs of the root; `page`: page number of the further sheet.
     """
     return [
         "sheet", ["at", *at], ["size", *size], ["exclude_from_sim", NO], ["in_bom", YES], ["on_board", YES],

@@ -34,7 +34,10 @@ def uuid_of(*names: object) -> Node:
 
 
 def format_tree(tree: Node) -> str:
-    """Return the text of an S-expression: lists that contain lists take several lines, and one tab indents a level."""
+    """Return the text of an S-expression.
+
+    Lists that contain other lists take several lines, except short ones; one tab indents a level.
+    """
     return "".join(_lines(tree, 0)) + "\n"
 
 
@@ -64,9 +67,9 @@ def _lines(tree: Node, level: int) -> Iterator[str]:
 
 
 def _is_short(tree: Node) -> bool:
-    """Return whether the text of an S-expression fits on one line.
+    """Return whether an S-expression is written on one line.
 
-    This holds if it contains no lists, or has at most four entries whose lists contain no further lists.
+    This holds if it contains no lists, or has at most four entries and its lists contain no further lists.
     """
     lists = [entry for entry in tree if isinstance(entry, list)]
     return not lists or (len(tree) <= 4 and not any(isinstance(part, list) for entry in lists for part in entry))

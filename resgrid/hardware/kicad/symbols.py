@@ -1,4 +1,4 @@
-"""Symbols of a schematic: resistor, test pad, solder jumper, connectors, power symbols and simulated sources."""
+"""Symbols of a schematic as data (resistor, test pad, solder jumper, connectors, sources), and their text for KiCad."""
 
 from __future__ import annotations
 
