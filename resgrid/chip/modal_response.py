@@ -51,7 +51,7 @@ The first time of the window is tested in addition.
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class ExponentialSum:
     """A sum of exponentials: ``y(t) = shape @ (weight * exp(-rate t))``.
 
     `shape` (n, m): deviations of the n unknown voltages in each of m exponentials; `rate` (m,): decay rates, in 1/s;
@@ -69,8 +69,8 @@ class Motion:
 
 def motions(
     dynamics: Dynamics, modes: Modes, deviation: Floats, accuracy: float, method: str = "auto"
-) -> Callable[[float, float], Motion]:
-    """Return a function from the first and the last time of a window, in seconds, to the Motion between these times.
+) -> Callable[[float, float], ExponentialSum]:
+    """Return a function from the first and the last time of a window, in seconds, to the exponentials in between.
 
     `dynamics`: circuit equations; `modes`: some or all modes of the circuit; `deviation` (n,): voltages at time 0 minus
     their final values; `accuracy`: largest error of a computed deviation, in the unit of `deviation`; `method`: linear
@@ -78,10 +78,10 @@ def motions(
     """
     root = laplacian_root(dynamics.capacitance)
     if modes.whole:
-        whole = Motion(modes.shape, 1.0 / modes.tau, (root @ modes.shape).T @ (root @ deviation))
+        whole = ExponentialSum(modes.shape, 1.0 / modes.tau, (root @ modes.shape).T @ (root @ deviation))
         return lambda *_: whole
 
-    def window(first: float, last: float) -> Motion:
+    def window(first: float, last: float) -> ExponentialSum:
         rate = _SHIFT / last
         solve = accurate_solver(factor_resolvent(dynamics, rate, method), dynamics.capacitance)
         begin = first if first > 0.0 else last / SPAN
@@ -93,7 +93,7 @@ def motions(
 
 def _krylov(
     root: sparse.csr_array, solve: LinearMap, shift: float, deviation: Floats, accuracy: float, times: Floats
-) -> Motion:
+) -> ExponentialSum:
     """Return the motion at some times as a sum of at most 400 exponentials, by Lanczos iteration.
 
     `root` (m, n): ``F``, with ``C = F^T F``; `solve`: function that multiplies a vector by ``(G + shift C)^-1 F^T``;
@@ -103,7 +103,7 @@ def _krylov(
     u = root @ deviation
     length = float(np.linalg.norm(u))
     if length == 0.0:
-        return Motion(np.zeros((len(deviation), 1)), np.ones(1), np.zeros(1))
+        return ExponentialSum(np.zeros((len(deviation), 1)), np.ones(1), np.zeros(1))
     size = min(_MOST_VECTORS, len(u))
     W, U = np.empty((size, len(deviation))), np.empty((size, len(u)))
     T = np.zeros((size, size))
@@ -132,7 +132,7 @@ def _krylov(
     )
 
 
-def _reduced(W: Floats, T: Floats, length: float, shift: float) -> Motion:
+def _reduced(W: Floats, T: Floats, length: float, shift: float) -> ExponentialSum:
     """Return the motion as a sum of exponentials, from the Ritz pairs of the Lanczos matrix (Nour-Omid et al. 1987).
 
     The vectors are valid for nodes without capacitance, too.  `W` (k, n): ``(G + shift C)^-1 F^T v`` of every
@@ -142,4 +142,4 @@ def _reduced(W: Floats, T: Floats, length: float, shift: float) -> Motion:
     value, S = np.linalg.eigh(T)
     keep = value > _INSTANT * value[-1]
     value, S = value[keep], S[:, keep]
-    return Motion(W.T @ (S / value), np.maximum(1.0 / value - shift, 0.0), length * S[0])
+    return ExponentialSum(W.T @ (S / value), np.maximum(1.0 / value - shift, 0.0), length * S[0])

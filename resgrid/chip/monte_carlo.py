@@ -29,7 +29,7 @@ from resgrid.chip.effects.base import cells_with_nodes
 from resgrid.chip.effects.values import NOMINAL_CELSIUS
 from resgrid.chip.noise import NOMINAL_KELVIN, analyse_noise
 from resgrid.chip.walk import Converter, Neighbours, converter_of, neighbours_of, read_out, walk
-from resgrid.circuit.batch import Batch, prepare_batch, solve_batch
+from resgrid.circuit.batch import BatchSetup, prepare_batch, solve_batch
 from resgrid.circuit.nonlinear import linearize
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.solve import solve
@@ -90,7 +90,7 @@ class Experiment:
     starts: NDArray[np.bool_]
     converters: tuple[Converter | None, ...]
     model: ConductanceModel | None
-    batch: Batch | None
+    batch: BatchSetup | None
     fixed: ChipSolution | None
 
     @property

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from resgrid._internal.numbers import Count, Positive
 from resgrid.chip.figures_of_merit import Figure, Result
-from resgrid.chip.modal_response import SPAN, Motion, motions
+from resgrid.chip.modal_response import SPAN, ExponentialSum, motions
 from resgrid.chip.time_constants import (
     LinearMap,
     accurate_solver,
@@ -262,7 +262,7 @@ def settling_bound(dynamics: Dynamics, solve: LinearMap, deviation: Floats, tau:
 
 
 def _walk_back(
-    deviation: Floats, window: Callable[[float, float], Motion], bound: float, fastest: float, band: float
+    deviation: Floats, window: Callable[[float, float], ExponentialSum], bound: float, fastest: float, band: float
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Find the time after which each voltage stays within a band, window by window from an upper bound back to time 0.
 
@@ -271,9 +271,9 @@ def _walk_back(
     with the largest magnitude of a deviation at each, shape (t,).
 
     `deviation` (n,): voltages at time 0 minus their final values; `window`: function from the first and last time of a
-    window (interval of times) to the deviations in between, as a Motion (sum of exponentials); `bound`: time after
-    which all voltages lie within the band; `fastest`: shortest time constant; `band`: half width of the band around the
-    final voltages, in the unit of `deviation`.  All times are in seconds.
+    window (interval of times) to the deviations in between, a sum of exponentials; `bound`: time after which all
+    voltages lie within the band; `fastest`: shortest time constant; `band`: half width of the band around the final
+    voltages, in the unit of `deviation`.  All times are in seconds.
     """
     from resgrid.chip.kernels import last_outside
 
@@ -298,7 +298,7 @@ def _walk_back(
     return row_time, end, *curve
 
 
-def _curve(motion: Motion, deviation: Floats, first: float, last: float) -> tuple[Floats, Floats]:
+def _curve(motion: ExponentialSum, deviation: Floats, first: float, last: float) -> tuple[Floats, Floats]:
     """Return the settling curve: times in seconds, and the largest magnitude of a deviation at each, shape (t,) each.
 
     The times are 0 and a geometric sequence from `first` to `last` (seconds).  `motion`: deviations as a sum of

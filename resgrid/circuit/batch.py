@@ -31,7 +31,7 @@ Up to this ratio, large grids share the coarse multigrid levels of the nominal c
 """
 
 
-class Batch(NamedTuple):
+class BatchSetup(NamedTuple):
     """Common set-up of all chips with one circuit.
 
     `system`: equations of the nominal chip; the matrices of all chips have the same sparsity.  `solver`: function of
@@ -109,7 +109,7 @@ def solve_many(
     return voltage
 
 
-def prepare_batch(netlist: Netlist) -> Batch | None:
+def prepare_batch(netlist: Netlist) -> BatchSetup | None:
     """Return equations and solver for all chips of a nominal netlist; None if the netlist has no unknown voltage."""
     system = assemble(netlist)
     if not system.size:
@@ -120,10 +120,10 @@ def prepare_batch(netlist: Netlist) -> Batch | None:
     system = replace(system, laplacian=matrix)
     by_levels = system.size > _SMALL and contrast <= _MOST_CONTRAST
     solver = solver_by_levels(matrix, system.drive) if by_levels else None
-    return Batch(system, solver or partial(solve_in_order, order_rows(matrix)))
+    return BatchSetup(system, solver or partial(solve_in_order, order_rows(matrix)))
 
 
-def solve_batch(batch: Batch, conductance: NDArray[np.float64], *, rtol: float = 1e-10) -> NDArray[np.float64]:
+def solve_batch(batch: BatchSetup, conductance: NDArray[np.float64], *, rtol: float = 1e-10) -> NDArray[np.float64]:
     """Return the node voltages of chips above ground, in volts, (chips, nodes); NaN where a node floats.
 
     `batch`: common set-up; `conductance` (chips, resistors): conductances in siemens; `rtol`: for multigrid, largest

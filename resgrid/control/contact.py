@@ -1,10 +1,10 @@
-"""Rigid contact with friction for a velocity-controlled robot: contact velocities, and collision-free steps (`Body`).
+"""Rigid contact with friction for a velocity-controlled robot: contact velocities, collision-free steps.
 
 The robot obeys ``qdot = v + A sum_k J_k^T f_k`` with the commanded velocity ``v``, the admittance ``A``, and the
 Jacobian ``J_k`` and force ``f_k`` of each contact.  Contact is a complementarity problem at the level of velocities (D.
 E. Stewart and J. C. Trinkle, Int. J. Numer. Methods Eng. 39 (1996) 2673; M. Anitescu and F. A. Potra, Nonlinear
 Dynamics 14 (1997) 231): it needs no stiffness and is stable at any step.  The ends of axes are contacts of the same
-problem. Velocities keep gaps to first order; `Body.move` shortens the step so that no gap closes.
+problem. Velocities keep gaps to first order; `SimulatedRobot.move` shortens the step so that no gap closes.
 """
 
 from __future__ import annotations
@@ -156,7 +156,7 @@ def solve_contacts(
     )
 
 
-class Body:
+class SimulatedRobot:
     """The true configuration of a robot, and its collision-free steps.
 
     Contacts hold gaps to first order only, and the path of a turning link is curved.  Therefore every step is shortened
@@ -274,9 +274,9 @@ class Body:
     def _time_step(self, velocity: Vector, longest: float, around: Surroundings) -> float:
         """Return the duration of a step in seconds, at most `longest`.
 
-        The step ends when an axis has moved by `Body.step` cells, at a mechanical stop, or when a gap falls to the
-        margin, the gap at which a contact begins.  `velocity` (ndim,): in axis coordinates, per second; `around`: pairs
-        of near points.
+        The step ends when an axis has moved by the number of cells in `step`, at a mechanical stop, or when a gap falls
+        to the margin, the gap at which a contact begins.  `velocity` (ndim,): in axis coordinates, per second;
+        `around`: pairs of near points.
         """
         fastest = float((np.abs(velocity) / self._spacing).max())
         if fastest == 0.0:

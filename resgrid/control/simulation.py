@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from resgrid._internal.numbers import NotNegative, check_whole, per_axis
 from resgrid._internal.validation import checked
 from resgrid._internal.values import frozen
-from resgrid.control.contact import Body
+from resgrid.control.contact import SimulatedRobot
 from resgrid.control.controller import Controller, make_controller
 from resgrid.control.external_forces import ExternalForce, Force, control_pushes, force_of
 from resgrid.control.plant import Plant, plant_of
@@ -164,7 +164,7 @@ class Simulation:
         noise = per_axis("noise", control.noise if noise is None else noise, ndim, "a finite number")
         sensor = Sensor(self.plant, bias, noise, rng)
         push_at = force_of(pushes, ndim)
-        body = Body(self.plant, self._checked_start(start, exact=sensor.exact), self.step, self.margin)
+        body = SimulatedRobot(self.plant, self._checked_start(start, exact=sensor.exact), self.step, self.margin)
         live = LiveMap(self.controller, self._grid())
         loop = Loop(self.plant, body, sensor, live, push_at, rng, friction=self.friction, learn=self.learn)
         end, goal = loop.run(max_steps), None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.control.contact import KEEP, Body, ContactSet, Surroundings
+from resgrid.control.contact import KEEP, ContactSet, SimulatedRobot, Surroundings
 from resgrid.control.controller import Nominal
 from resgrid.control.escape import goal_offset
 from resgrid.control.external_forces import Force
@@ -39,8 +39,8 @@ class Loop:
     """
 
     def __init__(
-        self, plant: Plant, body: Body, sensor: Sensor, live: LiveMap, push_at: Force, rng: np.random.Generator, *,
-        friction: float, learn: bool,
+        self, plant: Plant, body: SimulatedRobot, sensor: Sensor, live: LiveMap, push_at: Force,
+        rng: np.random.Generator, *, friction: float, learn: bool,
     ) -> None:  # fmt: skip
         self.plant, self.body, self.sensor, self.live = plant, body, sensor, live
         self.push_at, self.rng, self.friction, self.learns = push_at, rng, friction, learn

@@ -24,7 +24,7 @@ from resgrid.hardware.layout_drops import rail_currents, rail_drops
 from resgrid.hardware.layout_process import layout_rules
 from resgrid.hardware.layout_rails import RailPlan, draw_rails, plan_rails
 from resgrid.hardware.layout_resistors import Head, Serpentine, body_width, head_of, size_resistors
-from resgrid.hardware.layout_rules import Box, DrawnCell, Label, LayoutRules, Placement
+from resgrid.hardware.layout_rules import Box, CellPlacement, DrawnCell, Label, LayoutRules
 from resgrid.hardware.layout_tiles import TileGeometry, tile_cells, tile_geometry
 
 TOP = "resgrid"
@@ -322,7 +322,7 @@ def _draw(
     labels = [*drawing.labels, Label(f"tile {tile.px} {tile.py} {tile.upper} nm", 0, 0, rules.outline)]
     if labelled:
         labels += node_labels(array, tile, rules.metals[0])
-    placed = (Placement("array", 0, 0), *drawing.placements)
+    placed = (CellPlacement("array", 0, 0), *drawing.placements)
     return _placed_cells([*cells, *drawing.cells, body, DrawnCell(TOP, tuple(boxes), placed, tuple(labels))])
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from resgrid.core.cell import Cell
 from resgrid.core.netlist import Netlist
 from resgrid.core.regions import face_shape
-from resgrid.hardware.layout_rules import Label, MetalRules, Placement
+from resgrid.hardware.layout_rules import CellPlacement, Label, MetalRules
 from resgrid.hardware.layout_tiles import TileGeometry, placements
 
 ORIGIN = (-1, -1)
@@ -69,7 +69,7 @@ def tile_array(netlist: Netlist, value: NDArray[np.int64]) -> TileArray:
     return TileArray(along_x, along_y, touched | (region >= 0), touched & (kind == Cell.OBSTACLE), region, tuple(nets))
 
 
-def array_placements(array: TileArray, tile: TileGeometry, values: int) -> list[Placement]:
+def array_placements(array: TileArray, tile: TileGeometry, values: int) -> list[CellPlacement]:
     """Return the placements of bars, ties to rails and resistors of all tiles.
 
     A bar is the vertical piece of metal 1 that is the node of a tile; a tie is a set of vias from a bar to its rail.

@@ -14,7 +14,7 @@ import numpy as np
 
 from resgrid.errors import InputError
 from resgrid.hardware.layout_array import ORIGIN, TileArray, first_cells, used_range
-from resgrid.hardware.layout_rules import Box, DrawnCell, Label, LayoutRules, MetalRules, Placement, fill_vias
+from resgrid.hardware.layout_rules import Box, CellPlacement, DrawnCell, Label, LayoutRules, MetalRules, fill_vias
 from resgrid.hardware.layout_tiles import TileGeometry, placements
 
 STRIP = 5000
@@ -56,7 +56,7 @@ class Trunk:
 
 
 @dataclass(frozen=True)
-class Pad:
+class PlacedPad:
     """A bond pad; `net`: name of its net; `x`, `y`: its centre, in nanometres from the node of cell (0, 0)."""
 
     net: str
@@ -65,14 +65,14 @@ class Pad:
 
 
 @dataclass
-class Drawing:
+class TopCell:
     """Contents of the top cell of a layout, extended while the rails are drawn.
 
     `boxes`: rectangles; `placements`: placed cells; `labels`: texts; `cells`: definitions of the placed cells.
     """
 
     boxes: list[Box] = field(default_factory=list)
-    placements: list[Placement] = field(default_factory=list)
+    placements: list[CellPlacement] = field(default_factory=list)
     labels: list[Label] = field(default_factory=list)
     cells: list[DrawnCell] = field(default_factory=list)
 
@@ -96,7 +96,7 @@ class RailPlan:
     """
 
     trunks: tuple[Trunk, ...]
-    pads: tuple[Pad, ...]
+    pads: tuple[PlacedPad, ...]
     wire: int
     ring: int
     sides: tuple[int, int]
@@ -156,11 +156,13 @@ def plan_rails(
     step = rules.pad + rules.pad_space
     centre = rules.up((sides[0] + sides[1]) / 2)
     first = centre - rules.up((len(trunks) - 1) * step / 2)
-    pads = [Pad(trunk.net, first + number * step, pad_top - rules.pad // 2) for number, trunk in enumerate(trunks)]
+    pads = [
+        PlacedPad(trunk.net, first + number * step, pad_top - rules.pad // 2) for number, trunk in enumerate(trunks)
+    ]
     if has_ring:
         left, right = min(sides[0], first - step), max(sides[1], first + len(trunks) * step)
-        pads = [Pad("obstacle", left, pad_top - rules.pad // 2), *pads]
-        pads.append(Pad("obstacle", right, pad_top - rules.pad // 2))
+        pads = [PlacedPad("obstacle", left, pad_top - rules.pad // 2), *pads]
+        pads.append(PlacedPad("obstacle", right, pad_top - rules.pad // 2))
     striped = tuple(int(j) + ORIGIN[1] for j in np.flatnonzero(array.obstacle.any(axis=0)))
     return RailPlan(trunks, tuple(pads), wire, ring, sides, bottom, tracks, bend, pad_top, striped)
 
@@ -213,13 +215,13 @@ def _trunks(rules: LayoutRules, array: TileArray, tile: TileGeometry, width: int
     return tuple(sorted(trunks, key=lambda trunk: (trunk.x, trunk.net)))
 
 
-def draw_rails(rules: LayoutRules, array: TileArray, tile: TileGeometry, plan: RailPlan) -> Drawing:
+def draw_rails(rules: LayoutRules, array: TileArray, tile: TileGeometry, plan: RailPlan) -> TopCell:
     """Return the drawing of rails and pads: rectangles, placements of cells, labels, and definitions of the cells.
 
     `array`: contents of the tiles (drawings of one cell each); `tile`: measures of a tile; `plan`: measures of rails
     and pads.
     """
-    drawing = Drawing()
+    drawing = TopCell()
     if plan.ring:
         _draw_obstacle_rail(rules, array, tile, plan, drawing)
     _draw_links(rules, array, tile, drawing)
@@ -228,13 +230,13 @@ def draw_rails(rules: LayoutRules, array: TileArray, tile: TileGeometry, plan: R
         _draw_trunk(rules, tile, plan, trunk, (pad.x, y), drawing)
     drawing.cells.append(_pad_cell(rules))
     for pad in plan.pads:
-        drawing.placements.append(Placement("pad", pad.x, pad.y))
+        drawing.placements.append(CellPlacement("pad", pad.x, pad.y))
         drawing.labels.append(Label(pad.net, pad.x, pad.y, rules.metals[-1].text))
     return drawing
 
 
 def _draw_obstacle_rail(
-    rules: LayoutRules, array: TileArray, tile: TileGeometry, plan: RailPlan, drawing: Drawing
+    rules: LayoutRules, array: TileArray, tile: TileGeometry, plan: RailPlan, drawing: TopCell
 ) -> None:
     """Add the obstacle rail to `drawing`: its stripes, its vertical parts at both sides, and the wires to its pads."""
     metal, half = rules.metals[1], plan.ring // 2
@@ -250,7 +252,7 @@ def _draw_obstacle_rail(
         drawing.box(metal, pad - half, plan.pad_top - STRIP, pad + half, plan.bend + half)
 
 
-def _draw_links(rules: LayoutRules, array: TileArray, tile: TileGeometry, drawing: Drawing) -> None:
+def _draw_links(rules: LayoutRules, array: TileArray, tile: TileGeometry, drawing: TopCell) -> None:
     """Add the wires between neighbouring cells of each goal region to `drawing`: metal 2 along x, metal 3 along y."""
     half, region = tile.link // 2, array.region
     for name, axis, metal in (("link_x", 0, rules.metals[1]), ("link_y", 1, rules.metals[2])):
@@ -265,7 +267,7 @@ def _draw_links(rules: LayoutRules, array: TileArray, tile: TileGeometry, drawin
 
 
 def _draw_trunk(
-    rules: LayoutRules, tile: TileGeometry, plan: RailPlan, trunk: Trunk, end: tuple[int, int], drawing: Drawing
+    rules: LayoutRules, tile: TileGeometry, plan: RailPlan, trunk: Trunk, end: tuple[int, int], drawing: TopCell
 ) -> None:
     """Add a trunk, its horizontal wire of metal 2, and the wire of metal 1 to the pad to `drawing`.
 

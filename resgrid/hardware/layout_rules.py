@@ -183,7 +183,7 @@ Box = tuple[Layer, int, int, int, int]
 
 
 @dataclass(frozen=True)
-class Placement:
+class CellPlacement:
     """A cell placed once or as a regular array; lengths are in nanometres.
 
     `cell`: name of the placed cell; `x`, `y`: place of the origin of its first copy; `columns`, `rows`: numbers of
@@ -221,11 +221,11 @@ class DrawnCell:
 
     name: str
     boxes: tuple[Box, ...] = ()
-    placements: tuple[Placement, ...] = ()
+    placements: tuple[CellPlacement, ...] = ()
     labels: tuple[Label, ...] = ()
 
 
-def fill_vias(metal: MetalRules, x0: int, y0: int, x1: int, y1: int, grid: int) -> Placement:
+def fill_vias(metal: MetalRules, x0: int, y0: int, x1: int, y1: int, grid: int) -> CellPlacement:
     """Return a regular array of vias from a metal to the next one above, centred in a rectangle; at least one via.
 
     `x0`, `y0`, `x1`, `y1`: rectangle of both metals, in nanometres; `grid`: manufacturing grid in nanometres.
@@ -237,4 +237,4 @@ def fill_vias(metal: MetalRules, x0: int, y0: int, x1: int, y1: int, grid: int) 
         first = low + (high - low - (count * pitch - metal.via_space)) // 2
         counts.append(count)
         starts.append(first - first % grid)
-    return Placement(metal.via, starts[0], starts[1], counts[0], counts[1], pitch, pitch)
+    return CellPlacement(metal.via, starts[0], starts[1], counts[0], counts[1], pitch, pitch)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.hardware.layout_resistors import Head, Serpentine, draw_resistor
-from resgrid.hardware.layout_rules import Box, DrawnCell, LayoutRules, Placement, fill_vias
+from resgrid.hardware.layout_rules import Box, CellPlacement, DrawnCell, LayoutRules, fill_vias
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ def tile_cells(rules: LayoutRules, head: Head, tile: TileGeometry, shapes: Seque
 
 def _along_x(
     rules: LayoutRules, head: Head, tile: TileGeometry, shape: Serpentine, name: str
-) -> tuple[tuple[Box, ...], tuple[Placement, ...]]:
+) -> tuple[tuple[Box, ...], tuple[CellPlacement, ...]]:
     """Return the wires of metal 1 and the placed resistor that connect the bar of a tile to the next bar along x.
 
     A bar is the vertical piece of metal 1 that is the node of a tile. `shape`: the resistor; `name`: name of its cell.
@@ -118,12 +118,12 @@ def _along_x(
     x, y = tile.start + shape.end + head.contact, (shape.rows - 1) * head.pitch
     boxes: list[Box] = [(layer, x - half, y - head.metal, x + half, y + head.metal)]
     boxes.append((layer, x + half, y - half, tile.px - head.bar // 2, y + half))
-    return tuple(boxes), (Placement(name, tile.start, 0),)
+    return tuple(boxes), (CellPlacement(name, tile.start, 0),)
 
 
 def _along_y(
     rules: LayoutRules, head: Head, tile: TileGeometry, shape: Serpentine, name: str
-) -> tuple[tuple[Box, ...], tuple[Placement, ...]]:
+) -> tuple[tuple[Box, ...], tuple[CellPlacement, ...]]:
     """Return the wires of metal 1 and the placed resistor that connect the bar of a tile to the next bar along y.
 
     A bar is the vertical piece of metal 1 that is the node of a tile. `shape`: the resistor; `name`: name of its cell.
@@ -132,17 +132,17 @@ def _along_y(
     x, y = tile.start + shape.end + head.contact, tile.upper + (shape.rows - 1) * head.pitch
     boxes: list[Box] = [(layer, x - half, y - head.metal, x + half, tile.back + half)]
     boxes.append((layer, -head.bar // 2, tile.back - half, x - half, tile.back + half))
-    return tuple(boxes), (Placement(name, tile.start, tile.upper),)
+    return tuple(boxes), (CellPlacement(name, tile.start, tile.upper),)
 
 
-def placements(cell: str, mask: NDArray[np.bool_], tile: TileGeometry, origin: tuple[int, int]) -> list[Placement]:
+def placements(cell: str, mask: NDArray[np.bool_], tile: TileGeometry, origin: tuple[int, int]) -> list[CellPlacement]:
     """Return placements that put a cell at all true places of a mask, merged into few regular arrays.
 
     `cell`: name of the cell; `mask` (columns, rows): tiles that contain the cell; `origin`: column and row of the first
     entry of the mask.
     """
     return [
-        Placement(cell, (origin[0] + i) * tile.px, (origin[1] + j) * tile.py, columns, rows, tile.px, tile.py)
+        CellPlacement(cell, (origin[0] + i) * tile.px, (origin[1] + j) * tile.py, columns, rows, tile.px, tile.py)
         for i, j, columns, rows in rectangles(mask)
     ]
 

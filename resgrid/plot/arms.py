@@ -17,7 +17,7 @@ from resgrid.errors import InputError
 from resgrid.planning.any_path import AnyPath
 from resgrid.plot.figures import axes_or_new
 from resgrid.plot.motions import Motion, dense_motion, goal_places, poses_along, reference_of
-from resgrid.plot.raster import Camera, Layer, render
+from resgrid.plot.raster import Camera, ImageLayer, render
 from resgrid.plot.shading import nice_step
 from resgrid.plot.space_view import SpaceView, window_around
 from resgrid.plot.style import HIDDEN, SMALL, TEXT, add_swatch, mark, refresh_legend
@@ -165,11 +165,11 @@ class ArmPicture(SpaceView):
         box = ((x0, y0, z), (x1, y1, float(self.upper[2])))
         return _group(shape_surfaces(shapes, "shape", box), np.empty((0, 4, 4)))
 
-    def layer(self, group: _Group, colour: str, opacity: float = 1.0) -> Layer:
+    def layer(self, group: _Group, colour: str, opacity: float = 1.0) -> ImageLayer:
         """Return the shaded image of triangles in one colour; `opacity`: from 0 (transparent) to 1."""
         return render(group.triangles, group.owner, colour, self.camera, self.window, opacity)
 
-    def surroundings(self) -> list[Layer]:
+    def surroundings(self) -> list[ImageLayer]:
         """Return one image each of obstacles, hidden obstacles, goal regions, and half-spaces that are not a floor.
 
         Kinds without a body are left out.  The floor is left out, because `prepare` draws it with its grid.

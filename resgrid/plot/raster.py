@@ -92,7 +92,7 @@ class Window:
         return np.asarray((seen - (self.left, self.bottom, 0.0)) * (self.scale, self.scale, 1.0))
 
 
-class Layer(NamedTuple):
+class ImageLayer(NamedTuple):
     """Image of one group of bodies.
 
     `colour` (rows, columns, 3), uint8: shaded colours, bottom row first; `depth` (rows, columns), float32: distance
@@ -112,7 +112,7 @@ def render(
     camera: Camera,
     window: Window,
     opacity: float,
-) -> Layer:
+) -> ImageLayer:
     """Return the shaded image of triangles, with dark outlines of bodies.
 
     `triangles` (n, 3, 3): corners in the world; `owner` (n,): number of the body to which each triangle belongs;
@@ -132,7 +132,7 @@ def render(
     pixels = np.zeros((*face.shape, 3), dtype=np.uint8)
     paint = np.array(to_rgb(colour)) if isinstance(colour, str) else colour[face[covered]]
     pixels[covered] = 255 * shade[:, None] * paint + 0.5
-    return Layer(pixels, depth, opacity)
+    return ImageLayer(pixels, depth, opacity)
 
 
 def _outline(owner: NDArray[np.int64]) -> NDArray[np.bool_]:
@@ -149,7 +149,7 @@ def _outline(owner: NDArray[np.int64]) -> NDArray[np.bool_]:
     return np.asarray(edge & (owner >= 0))
 
 
-def composite(layers: list[Layer]) -> NDArray[np.uint8]:
+def composite(layers: list[ImageLayer]) -> NDArray[np.uint8]:
     """Return the image of layers that hide each other by depth, at half the resolution.
 
     The result (rows / 2, columns / 2, 4) has the colours red, green, blue and opacity from 0 to 255.

@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patheffects import Normal, Stroke
 from numpy.typing import NDArray
 
-from resgrid.plot.raster import Camera, Layer, Window, composite
+from resgrid.plot.raster import Camera, ImageLayer, Window, composite
 from resgrid.plot.style import PATHS
 
 
@@ -33,7 +33,7 @@ class SpaceView:
     def __init__(self, camera: Camera, window: Window, hidden_depth: float) -> None:
         self.camera, self.window, self.hidden_depth = camera, window, hidden_depth
 
-    def show(self, layers: list[Layer], axes: Axes) -> AxesImage:
+    def show(self, layers: list[ImageLayer], axes: Axes) -> AxesImage:
         """Draw layers, which hide each other by depth, as one image on axes; return the image."""
         window = self.window
         return axes.imshow(
@@ -42,7 +42,7 @@ class SpaceView:
         )  # fmt: skip
 
     def draw_line(
-        self, points: NDArray[np.float64], axes: Axes, layers: Iterable[Layer], label: str, **style: Any
+        self, points: NDArray[np.float64], axes: Axes, layers: Iterable[ImageLayer], label: str, **style: Any
     ) -> list[Line2D]:
         """Draw a line in space, thin and dotted where a layer hides it; return matplotlib's two lines.
 
@@ -58,7 +58,7 @@ class SpaceView:
         visible = np.where(hidden[:, np.newaxis], np.nan, seen[:, :2])
         return whole + axes.plot(*visible.T, label=label, path_effects=effects, **options)
 
-    def hidden(self, points: NDArray[np.float64], layers: Iterable[Layer]) -> NDArray[np.bool_]:
+    def hidden(self, points: NDArray[np.float64], layers: Iterable[ImageLayer]) -> NDArray[np.bool_]:
         """Return the mask (n,) of points in space that a layer hides; `points` (n, 3): in the world."""
         column, row, depth = self.window.pixels(self.camera.seen(points)).T
         rows, columns = self.window.rows, self.window.columns

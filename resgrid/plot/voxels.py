@@ -21,7 +21,7 @@ from resgrid.planning.any_path import AnyPath
 from resgrid.planning.streamline import Outcome
 from resgrid.plot.figures import axes_or_new
 from resgrid.plot.plane import cells_with_path
-from resgrid.plot.raster import Camera, Layer, render
+from resgrid.plot.raster import Camera, ImageLayer, render
 from resgrid.plot.space_view import SpaceView, subdivided, window_around
 from resgrid.plot.style import OBSTACLE, SMALL, add_swatch, mark, refresh_legend, surface_map
 from resgrid.robots.voxel_surfaces import (
@@ -123,7 +123,7 @@ class VoxelView(SpaceView):
             camera, window_around(camera.seen(corners)[:, :2], _SIDE, self.labels), 0.05 * self.axes[0].spacing
         )
 
-    def layers(self) -> list[Layer]:
+    def layers(self) -> list[ImageLayer]:
         """Return the images of obstacles, of the section through obstacles at z = `top`, and of goal cells."""
         facing = [(axis, sign) for axis, sign in DIRECTIONS if sign * self.camera.rotation[2, axis] < -1e-9]
         faces = surface_to_air(self.solid, self.air, self.axes, facing)
@@ -143,7 +143,7 @@ class VoxelView(SpaceView):
     def _render(
         self, triangles: NDArray[np.float64], owner: NDArray[np.int64], colour: str | NDArray[np.float64],
         opacity: float = 1.0,
-    ) -> Layer:  # fmt: skip
+    ) -> ImageLayer:  # fmt: skip
         return render(triangles, owner, colour, self.camera, self.window, opacity)
 
     def label_edges(self, axes: Axes) -> None:

@@ -13,7 +13,7 @@ from resgrid._internal.numbers import check_number, check_whole
 from resgrid.robots.convex import Body, ConvexPiece, Solid
 from resgrid.robots.enclosure import enclosed
 from resgrid.robots.hulls import TOLERANCE, check_points, convex_hull, distances, facets_of
-from resgrid.robots.mesh_cuts import Cut, best_cut, clip, is_concave
+from resgrid.robots.mesh_cuts import PlaneCut, best_cut, clip, is_concave
 
 __all__ = ["body_of", "convex_cover", "convex_hull", "hull_of"]
 
@@ -192,7 +192,7 @@ class _Part:
 
     corners: NDArray[np.float64]
     box: NDArray[np.float64]
-    cut: Cut
+    cut: PlaneCut
 
 
 def _axes(points: NDArray[np.float64], corners: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -239,7 +239,7 @@ def _part(corners: NDArray[np.float64], box: NDArray[np.float64], least: float) 
         axis = int(extent.argmax())
         position = float(corners[:, :, axis].min() + extent[axis] / 2)
         ahead = sum(best_cut(clip(corners, axis, position, side)).gain for side in (-1, 1))
-        cut = Cut(axis, position, ahead / 3) if ahead / 3 > cut.gain else cut
+        cut = PlaneCut(axis, position, ahead / 3) if ahead / 3 > cut.gain else cut
     return _Part(corners, box, cut)
 
 

@@ -28,7 +28,7 @@ The depth is the distance of a point of the surface below the nearest face of th
 
 
 @dataclass(frozen=True, eq=False)
-class Cut:
+class PlaneCut:
     """A cut of a surface by the plane ``x[axis] = position``.
 
     `gain`: estimated reduction, in cubic metres, of the cost of the convex hulls by the cut, 0 if no cut reduces it.
@@ -76,7 +76,7 @@ def _crossing(
     return a + part[:, np.newaxis] * (b - a)
 
 
-def best_cut(corners: NDArray[np.float64]) -> Cut:
+def best_cut(corners: NDArray[np.float64]) -> PlaneCut:
     """Return the cut of triangles (t, 3, 3), perpendicular to an axis, that reduces the cost of their hulls most.
 
     The cost of a hull is its volume plus the weighted depth of the surface below it. The gain is 0 if no cut reduces
@@ -84,10 +84,10 @@ def best_cut(corners: NDArray[np.float64]) -> Cut:
     Positions at vertices are compared too, because the concave edges of machine parts lie there.
     """
     if not len(corners):
-        return Cut(0, 0.0, 0.0)
+        return PlaneCut(0, 0.0, 0.0)
     sample = _sample(corners)
     whole = sum(_costs(sample.points, sample.area))
-    best = Cut(0, 0.0, 0.0)
+    best = PlaneCut(0, 0.0, 0.0)
     for axis in range(3) if whole > 0 else ():
         low, high = sample.points[:, axis].min(), sample.points[:, axis].max()
         best = _better(best, corners, sample, whole, axis, np.linspace(low, high, _POSITIONS + 2)[1:-1])
@@ -113,8 +113,13 @@ class _Sample:
 
 
 def _better(
-    best: Cut, corners: NDArray[np.float64], sample: _Sample, whole: float, axis: int, positions: NDArray[np.float64]
-) -> Cut:
+    best: PlaneCut,
+    corners: NDArray[np.float64],
+    sample: _Sample,
+    whole: float,
+    axis: int,
+    positions: NDArray[np.float64],
+) -> PlaneCut:
     """Return the cut with the largest gain among `best` and the cuts perpendicular to an axis at some positions.
 
     `corners` (t, 3, 3): cut triangles; `sample`: points on them; `whole`: cost without a cut, in cubic metres;
@@ -127,7 +132,7 @@ def _better(
             chosen = side * (sample.points[:, axis] - position) >= 0
             cost += sum(_costs(np.concatenate([seam, sample.points[chosen]]), sample.area[chosen]))
         if whole - cost > best.gain:
-            best = Cut(axis, float(position), whole - cost)
+            best = PlaneCut(axis, float(position), whole - cost)
     return best
 
 

@@ -28,7 +28,7 @@ from resgrid.solvers.multigrid.grid_level import lay_out
 from resgrid.solvers.multigrid.hierarchy import GridProblem, Hierarchy, build_hierarchy, finest_stencils
 from resgrid.solvers.multigrid.krylov import norm
 from resgrid.solvers.multigrid.levels import Finest
-from resgrid.solvers.multigrid.red_black import Lattice
+from resgrid.solvers.multigrid.red_black import RedBlackLayout
 from resgrid.solvers.progress import ProgressMonitor
 from resgrid.solvers.scaled import Floats, Indices
 from resgrid.solvers.supernodal import factor_supernodes
@@ -179,7 +179,7 @@ class WarmGrid:
 
     hierarchy: Hierarchy
     finest: Finest
-    lattice: Lattice
+    lattice: RedBlackLayout
     slot: Indices
     flat: bool
     b: Floats
@@ -196,7 +196,7 @@ class WarmGrid:
         hierarchy, grid = build_hierarchy(laplacian), laplacian.grid
         if hierarchy.grid is None or grid is None:
             return None
-        lattice = Lattice(tuple(ends.stop - ends.start for ends in hierarchy.box))
+        lattice = RedBlackLayout(tuple(ends.stop - ends.start for ends in hierarchy.box))
         slot, (b, x) = np.zeros(grid.vertex.shape, dtype=np.int32), np.zeros((2, 2, lattice.slots))
         slot[hierarchy.box] = lattice.cells
         b.ravel()[hierarchy.slot] = drive / hierarchy.unit

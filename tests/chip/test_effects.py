@@ -31,7 +31,7 @@ def small_netlist(boundary: str = "dirichlet", **options: object) -> rg.Netlist:
 ALL = (
     effects.PreferredValues("E24"),
     effects.SheetResistors(200.0, 1e-6),
-    effects.Gradient((0.1, -0.2)),
+    effects.ResistanceGradient((0.1, -0.2)),
     effects.Mismatch(0.1, seed=3),
     effects.TemperatureCoefficients(1e-3, 1e-6),
     effects.Temperature(85.0),
@@ -117,7 +117,7 @@ def test_effects_on_cells_require_rails_cells_and_a_compiled_space() -> None:
             effect.apply(merged)
     bare = rg.Netlist(2, [[1, 0]], [1.0])
     with pytest.raises(rg.InputError, match="was not compiled from a space"):
-        effects.Gradient((0.1,)).apply(bare)
+        effects.ResistanceGradient((0.1,)).apply(bare)
     assert effects.Mismatch(0.1).apply(bare).conductance[0] != 1.0
 
 
@@ -152,7 +152,7 @@ def test_sheet_resistor_lengths_are_multiples_of_the_drawing_grid() -> None:
 
 
 def test_a_gradient_is_linear_and_zero_at_the_centre() -> None:
-    netlist, graded = small_netlist(), effects.Gradient((0.1, -0.2)).apply(small_netlist())
+    netlist, graded = small_netlist(), effects.ResistanceGradient((0.1, -0.2)).apply(small_netlist())
     cell = netlist.cell_of_node()
     both = (cell[netlist.resistor_nodes] >= 0).all(axis=1)
     x, y = np.unravel_index(cell[netlist.resistor_nodes[both]], (8, 10))
@@ -161,7 +161,7 @@ def test_a_gradient_is_linear_and_zero_at_the_centre() -> None:
     np.testing.assert_allclose(ratio, 1 + 0.1 * (place[0] - 0.5) - 0.2 * (place[1] - 0.5), rtol=1e-12)
     for shares, message in (((0.1,) * 3, "3 entries, but the space has 2 axes"), ((1.5, 0.6), "negative in a corner")):
         with pytest.raises(rg.InputError, match=message):
-            effects.Gradient(shares).apply(small_netlist())
+            effects.ResistanceGradient(shares).apply(small_netlist())
 
 
 def test_mismatch_has_mean_one_and_the_requested_standard_deviation() -> None:
@@ -397,7 +397,7 @@ NO_NUMBERS = (float("nan"), float("inf"), "x", 1j, True)
         (effects.Capacitance, "farads", (-1.0, None), {}),
         (effects.ReadoutLoad, "ohms", (0.0, -1.0, None), {}),
         (effects.PreferredValues, "series", ("E7", 5, ["E6"]), {}),
-        (effects.Gradient, "shares", (None, ("x",), (True,), (1.0, -1.0)), {}),
+        (effects.ResistanceGradient, "shares", (None, ("x",), (True,), (1.0, -1.0)), {}),
     ],
 )
 def test_invalid_effect_parameters_raise_input_error_at_construction(

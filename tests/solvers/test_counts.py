@@ -24,7 +24,7 @@ from resgrid.planning.petsc_fields import slabs
 from resgrid.solvers import selected_inverse
 from resgrid.solvers.laplacian import EdgeList, Laplacian
 from resgrid.solvers.multigrid.grid_level import lay_out
-from resgrid.solvers.multigrid.red_black import Lattice
+from resgrid.solvers.multigrid.red_black import RedBlackLayout
 from resgrid.solvers.petsc_worker import local_rows, neighbours, rows_of
 from resgrid.solvers.supernodal import factor_supernodes
 
@@ -41,7 +41,7 @@ def test_a_matrix_with_too_many_entries_raises_budget_error() -> None:
 
 def test_a_grid_with_too_many_slots_has_no_red_black_layout() -> None:
     shape = (2, 2, 2, 2**27)  # odd strides leave gaps, so that slots exceed 2^31 although cells do not
-    assert 2 * Lattice(shape).slots > 2**31 > np.prod(shape, dtype=np.int64)
+    assert 2 * RedBlackLayout(shape).slots > 2**31 > np.prod(shape, dtype=np.int64)
     pairs, row, node = np.array([[0, 1]], dtype=np.int32), np.arange(2, dtype=np.int32), np.broadcast_to(-1, shape)
     assert lay_out(pairs, np.ones(1), row, cast(Any, node), np.ones(2), 1.0) is None
 

@@ -6,13 +6,13 @@ Tests internals: `resgrid.solvers.multigrid.red_black`.
 import numpy as np
 from hypothesis import given, strategies as st
 
-from resgrid.solvers.multigrid.red_black import Lattice
+from resgrid.solvers.multigrid.red_black import RedBlackLayout
 
-LATTICES = st.builds(Lattice, st.lists(st.integers(1, 6), min_size=2, max_size=4).map(tuple), st.integers(0, 3))
+LATTICES = st.builds(RedBlackLayout, st.lists(st.integers(1, 6), min_size=2, max_size=4).map(tuple), st.integers(0, 3))
 
 
 @given(LATTICES)
-def test_every_cell_has_its_own_slot_in_the_array_of_its_colour(lattice: Lattice) -> None:
+def test_every_cell_has_its_own_slot_in_the_array_of_its_colour(lattice: RedBlackLayout) -> None:
     index = np.indices(lattice.shape).reshape(len(lattice.shape), -1)
     slot = lattice.cells.ravel()
     black = index.sum(axis=0) % 2 == 1
@@ -25,7 +25,7 @@ def test_every_cell_has_its_own_slot_in_the_array_of_its_colour(lattice: Lattice
 
 
 @given(LATTICES)
-def test_slot_distances_identify_common_faces(lattice: Lattice) -> None:
+def test_slot_distances_identify_common_faces(lattice: RedBlackLayout) -> None:
     index = np.indices(lattice.shape).reshape(len(lattice.shape), -1)
     slot, red = lattice.cells.ravel(), index.sum(axis=0) % 2 == 0
     away = (slot[~red] - lattice.slots)[np.newaxis, :] - slot[red][:, np.newaxis]
@@ -36,13 +36,13 @@ def test_slot_distances_identify_common_faces(lattice: Lattice) -> None:
 
 
 @given(LATTICES)
-def test_no_face_points_outside_the_array(lattice: Lattice) -> None:
+def test_no_face_points_outside_the_array(lattice: RedBlackLayout) -> None:
     assert lattice.margin + lattice.distance.min() >= 0
     assert lattice.first_extra + lattice.extras + lattice.distance.max() <= lattice.slots
 
 
 @given(LATTICES)
-def test_at_slots_writes_values_to_their_slots_only(lattice: Lattice) -> None:
+def test_at_slots_writes_values_to_their_slots_only(lattice: RedBlackLayout) -> None:
     values = np.arange(1, 1 + np.prod(lattice.shape), dtype=np.int32).reshape(lattice.shape)
     at_slots = lattice.at_slots(values)
     np.testing.assert_array_equal(at_slots.ravel()[lattice.cells], values)

@@ -19,7 +19,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from resgrid.chip.effects.base import Effect as Effect, checked
-from resgrid.chip.effects.spread import Faults as Faults, Gradient as Gradient, Mismatch as Mismatch
+from resgrid.chip.effects.spread import Faults as Faults, Mismatch as Mismatch, ResistanceGradient as ResistanceGradient
 from resgrid.chip.effects.switches import (
     Capacitance as Capacitance,
     InternodalSwitches as InternodalSwitches,
@@ -42,7 +42,7 @@ from resgrid.scene.table_models import fields_of, plain
 EFFECTS: dict[str, type[Effect]] = {
     "preferred_values": PreferredValues,
     "sheet_resistors": SheetResistors,
-    "gradient": Gradient,
+    "gradient": ResistanceGradient,
     "mismatch": Mismatch,
     "temperature_coefficients": TemperatureCoefficients,
     "temperature": Temperature,

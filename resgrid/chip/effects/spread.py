@@ -22,7 +22,7 @@ from resgrid.scene.quantities import Listed, Quantity
 
 
 @dataclass(frozen=True)
-class Gradient(Effect):
+class ResistanceGradient(Effect):
     """Let the resistances of the grid change linearly across the die; the centre keeps the nominal value.
 
     `shares` (axes,): change of the resistance from the lower to the upper end of each axis, as a fraction of the

@@ -18,7 +18,7 @@ PIN_SPACING = 2.54
 
 
 @dataclass(frozen=True)
-class Pad:
+class FootprintPad:
     """A pad of a footprint.
 
     `number`: text such as "1", empty for a hole without copper; `x`, `y`: centre relative to the footprint's origin, in
@@ -46,7 +46,7 @@ class Footprint:
 
     name: str
     about: str
-    pads: tuple[Pad, ...]
+    pads: tuple[FootprintPad, ...]
     silk: tuple[tuple[float, float, float, float], ...] = ()
     courtyard: tuple[float, float, float, float] | None = None
     attributes: tuple[str, ...] = ()
@@ -76,12 +76,12 @@ class PlacedFootprint:
     label_size: tuple[float, float] = (0.8, 0.8)
     path: str = ""
 
-    def place_of(self, pad: Pad) -> tuple[float, float]:
+    def place_of(self, pad: FootprintPad) -> tuple[float, float]:
         """Return the centre (x, y) of a pad on the board, in millimetres, y downwards."""
         x, y = {0: (pad.x, pad.y), 90: (pad.y, -pad.x), 180: (-pad.x, -pad.y), 270: (-pad.y, pad.x)}[self.turn]
         return self.x + x, self.y + y
 
-    def size_of(self, pad: Pad) -> tuple[float, float]:
+    def size_of(self, pad: FootprintPad) -> tuple[float, float]:
         """Return width and height of a pad on the board, after the rotation of the footprint, in millimetres."""
         return (pad.width, pad.height) if self.turn % 180 == 0 else (pad.height, pad.width)
 
@@ -89,27 +89,27 @@ class PlacedFootprint:
 RESISTOR = Footprint(
     "R_0603_1608Metric_HandSolder",
     "Resistor 0603 (1608 metric) with long pads for soldering by hand",
-    (Pad("1", -0.9125, 0.0, 0.975, 0.95), Pad("2", 0.9125, 0.0, 0.975, 0.95)),
+    (FootprintPad("1", -0.9125, 0.0, 0.975, 0.95), FootprintPad("2", 0.9125, 0.0, 0.975, 0.95)),
     courtyard=(-1.65, -0.73, 1.65, 0.73),
     attributes=("smd",),
 )
 TEST_PAD = Footprint(
     "TestPad_D1.5mm_Drill0.8mm",
     "Plated hole for a probe tip or a wire",
-    (Pad("1", 0.0, 0.0, 1.5, 1.5, "circle", 0.8),),
+    (FootprintPad("1", 0.0, 0.0, 1.5, 1.5, "circle", 0.8),),
     attributes=("exclude_from_pos_files", "exclude_from_bom"),
 )
 SOLDER_JUMPER = Footprint(
     "SolderJumper_3_Open",
     "Three pads for a solder bridge from the middle pad to either of the others",
-    tuple(Pad(str(number), x, 0.0, 0.85, 1.5, "rect") for number, x in ((1, -1.1), (2, 0.0), (3, 1.1))),
+    tuple(FootprintPad(str(number), x, 0.0, 0.85, 1.5, "rect") for number, x in ((1, -1.1), (2, 0.0), (3, 1.1))),
     courtyard=(-1.6, -0.85, 1.6, 0.85),
     attributes=("exclude_from_pos_files", "exclude_from_bom"),
 )
 TERMINAL = Footprint(
     "TerminalBlock_1x02_P5.08mm",
     "Screw terminal with two poles, 5.08 mm apart; the wires enter at the lower side",
-    (Pad("1", -2.54, 0.0, 2.6, 2.6, "rect", 1.3), Pad("2", 2.54, 0.0, 2.6, 2.6, "circle", 1.3)),
+    (FootprintPad("1", -2.54, 0.0, 2.6, 2.6, "rect", 1.3), FootprintPad("2", 2.54, 0.0, 2.6, 2.6, "circle", 1.3)),
     silk=((-5.2, -4.0, 5.2, -4.0), (5.2, -4.0, 5.2, 4.2), (5.2, 4.2, -5.2, 4.2), (-5.2, 4.2, -5.2, -4.0)),
     courtyard=(-5.4, -4.2, 5.4, 4.4),
     attributes=("through_hole",),
@@ -117,7 +117,7 @@ TERMINAL = Footprint(
 HOLE = Footprint(
     "MountingHole_3.2mm_M3",
     "Hole for a screw M3",
-    (Pad("", 0.0, 0.0, 3.2, 3.2, "circle", 3.2),),
+    (FootprintPad("", 0.0, 0.0, 3.2, 3.2, "circle", 3.2),),
     courtyard=(-3.2, -3.2, 3.2, 3.2),
     attributes=("exclude_from_pos_files", "exclude_from_bom"),
 )
@@ -132,7 +132,8 @@ def pin_header(pins: int) -> Footprint:
         f"PinHeader_1x{pins:02d}_P2.54mm",
         f"Pin header, {pins} pins, 2.54 mm apart",
         tuple(
-            Pad(str(pin + 1), 0.0, pin * PIN_SPACING, 1.7, 1.7, "circle" if pin else "rect", 1.0) for pin in range(pins)
+            FootprintPad(str(pin + 1), 0.0, pin * PIN_SPACING, 1.7, 1.7, "circle" if pin else "rect", 1.0)
+            for pin in range(pins)
         ),
         silk=tuple((*start, *stop) for start, stop in sides),
         courtyard=(-1.5, -1.27, 1.5, end + 1.27),
@@ -234,7 +235,7 @@ def _line(line: tuple[float, float, float, float], key: str, number: int) -> Nod
     ]  # fmt: skip
 
 
-def _pad(pad: Pad, key: str, net: tuple[int, str] | None, turn: int) -> Node:
+def _pad(pad: FootprintPad, key: str, net: tuple[int, str] | None, turn: int) -> Node:
     """Return the S-expression of a pad.
 
     `key`: name of its footprint, from which the identifier is derived; `net`: number and name of its net, None without

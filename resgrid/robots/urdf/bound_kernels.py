@@ -58,7 +58,7 @@ class Frames(NamedTuple):
     local: Floats
 
 
-class Sweep(NamedTuple):
+class BoxSweep(NamedTuple):
     """Motion of the two pieces of an item, a pair of convex pieces, while joints move within a box.
 
     The first index of an array is the side: 0 for the first piece, 1 for the second one. Vectors are in the frame of
@@ -176,7 +176,7 @@ def _to_local(vector: Floats, frames: Frames, frame: int, out: Floats) -> None:
 
 @inner
 def sweep_side(
-    side: int, piece: int, pair: int, half: Floats, tree: TreeArrays, frames: Frames, sweep: Sweep, search: Search
+    side: int, piece: int, pair: int, half: Floats, tree: TreeArrays, frames: Frames, sweep: BoxSweep, search: Search
 ) -> None:
     """Write the motion of one piece of an item (a pair of pieces) to `sweep`, except fields about points of the piece.
 
@@ -222,7 +222,7 @@ def _from_axis(x: float, y: float, z: float, axis: Floats, origin: Floats) -> fl
 
 
 @inner
-def weigh_points(side: int, tree: TreeArrays, sweep: Sweep) -> None:
+def weigh_points(side: int, tree: TreeArrays, sweep: BoxSweep) -> None:
     """Write the radii of the balls around the points of a piece to ``sweep.ball[side]``, in metres.
 
     A radius is the sum, over the joints that move the piece, of the point's largest displacement by the joint times
@@ -245,7 +245,7 @@ def weigh_points(side: int, tree: TreeArrays, sweep: Sweep) -> None:
 
 
 @inner
-def ball_gap(tree: TreeArrays, frames: Frames, sweep: Sweep) -> float:
+def ball_gap(tree: TreeArrays, frames: Frames, sweep: BoxSweep) -> float:
     """Return a lower bound of the distance, in metres, between the balls around both pieces while joints move.
 
     The bound is negative if the balls may overlap. `frames`: poses at the centre of the box of joint values; `sweep`:
@@ -273,7 +273,7 @@ def ball_gap(tree: TreeArrays, frames: Frames, sweep: Sweep) -> float:
 
 
 @inner
-def _arc_levels(level: Floats, side: int, k: int, tree: TreeArrays, sweep: Sweep, search: Search) -> None:
+def _arc_levels(level: Floats, side: int, k: int, tree: TreeArrays, sweep: BoxSweep, search: Search) -> None:
     """Add to `level` (V,), for every point of a piece, the lowest change of height along its arc about a joint.
 
     The height is the coordinate along the direction ``search.local``, in metres; the change is 0 or negative. `side`: 0
@@ -296,7 +296,7 @@ def _arc_levels(level: Floats, side: int, k: int, tree: TreeArrays, sweep: Sweep
 
 
 @inner
-def lowest(side: int, sign: float, tree: TreeArrays, frames: Frames, sweep: Sweep, search: Search) -> float:
+def lowest(side: int, sign: float, tree: TreeArrays, frames: Frames, sweep: BoxSweep, search: Search) -> float:
     """Return the lowest coordinate along ``sign * search.normal`` that a moving piece reaches, in metres.
 
     The result is a lower bound for the core of the piece, without its radius. The lowest point of the swept piece, in
@@ -329,7 +329,7 @@ def lowest(side: int, sign: float, tree: TreeArrays, frames: Frames, sweep: Swee
 
 
 @inner
-def _extreme_point(side: int, at: int, tree: TreeArrays, frames: Frames, sweep: Sweep, search: Search) -> None:
+def _extreme_point(side: int, at: int, tree: TreeArrays, frames: Frames, sweep: BoxSweep, search: Search) -> None:
     """Write the point at which a moving vertex is the lowest to ``sweep.point[side]``, in the world, in metres.
 
     The lowest point is that with the smallest coordinate along ``search.local``. `side`: 0 for the first piece, 1 for
@@ -363,7 +363,7 @@ def _extreme_point(side: int, at: int, tree: TreeArrays, frames: Frames, sweep: 
 
 
 @inner
-def largest_gap(margin: float, exact: bool, tree: TreeArrays, frames: Frames, sweep: Sweep, search: Search) -> float:
+def largest_gap(margin: float, exact: bool, tree: TreeArrays, frames: Frames, sweep: BoxSweep, search: Search) -> float:
     """Return a lower bound of the gap, in metres, between the moving pieces, and write its direction to `search.best`.
 
     The bound is the largest one of all directions that the search has visited; it is negative or 0 if none proves that

@@ -13,9 +13,9 @@ import numpy as np
 from resgrid._internal.jit import inner, kernel
 from resgrid.robots.urdf.arrays import Flags, Floats, Integers, TreeArrays
 from resgrid.robots.urdf.bound_kernels import (
+    BoxSweep,
     Frames,
     Search,
-    Sweep,
     ball_gap,
     copy,
     largest_gap,
@@ -73,7 +73,7 @@ class Work(NamedTuple):
 
     frames: Frames
     corner: Frames
-    sweep: Sweep
+    sweep: BoxSweep
     search: Search
     middle: Floats
     half: Floats
@@ -90,7 +90,7 @@ def new_work(tree: TreeArrays, joints: int) -> Work:
         for _ in range(2)
     ]
     longest = tree.chain.shape[2]
-    sweep = Sweep(
+    sweep = BoxSweep(
         piece=np.zeros(2, np.int64),
         frame=np.zeros(2, np.int64),
         chained=np.zeros(2, np.int64),
@@ -115,7 +115,7 @@ def new_work(tree: TreeArrays, joints: int) -> Work:
 
 
 @inner
-def _load(item: Integers, half: Floats, tree: TreeArrays, frames: Frames, sweep: Sweep, search: Search) -> None:
+def _load(item: Integers, half: Floats, tree: TreeArrays, frames: Frames, sweep: BoxSweep, search: Search) -> None:
     """Write the motion of both pieces of an item to `sweep`, for joints that move within a box.
 
     `item` (3,): index of the pair of bodies, and indices of a piece of both; `half` (m,): half widths of the box in

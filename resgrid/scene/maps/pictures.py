@@ -50,7 +50,7 @@ _LIMIT = threading.Lock()
 
 
 @dataclass(frozen=True, eq=False)
-class Raster:
+class PixelRaster:
     """The channel values of a picture.
 
     `values` (height, width, channels), uint8 or uint16: top row first, 1 (grey), 2 (grey, alpha), 3 (red, green, blue)
@@ -64,10 +64,10 @@ class Raster:
     numbers: NDArray[np.uint8] | None = None
     is_grey_alpha: bool = False
 
-    def part(self, rows: slice, columns: slice) -> Raster:
+    def part(self, rows: slice, columns: slice) -> PixelRaster:
         """Return a part of the picture as a raster that shares the memory; row 0 is the top row."""
         numbers = None if self.numbers is None else self.numbers[rows, columns]
-        return Raster(self.values[rows, columns], self.maxval, numbers, self.is_grey_alpha)
+        return PixelRaster(self.values[rows, columns], self.maxval, numbers, self.is_grey_alpha)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -138,7 +138,7 @@ def read_epic(path: Path) -> NDArray[np.uint8]:
     )
 
 
-def read_raster(path: Path, bytes_per_pixel: int = BYTES_PER_PIXEL) -> Raster:
+def read_raster(path: Path, bytes_per_pixel: int = BYTES_PER_PIXEL) -> PixelRaster:
     """Return the channel values of a picture file of any format that `read_pnm` or Pillow supports.
 
     `bytes_per_pixel`: memory per pixel for decoding and later use.  Raises BudgetError if the picture would not fit in
@@ -146,11 +146,11 @@ def read_raster(path: Path, bytes_per_pixel: int = BYTES_PER_PIXEL) -> Raster:
     """
     data = _bytes_of(path)
     if data[:2] in MAGICS:
-        return Raster(*read_pnm(data, path, bytes_per_pixel))
+        return PixelRaster(*read_pnm(data, path, bytes_per_pixel))
     return _read_with_pillow(data, path, bytes_per_pixel)
 
 
-def open_picture(path: Path) -> Raster | DecodedPicture:
+def open_picture(path: Path) -> PixelRaster | DecodedPicture:
     """Return the picture in a file, decoded at most once; the method `part` of the result returns parts as rasters.
 
     The picture needs the memory of the file and, for compressed files, of the decoded pixels.  Raises BudgetError if
@@ -158,7 +158,7 @@ def open_picture(path: Path) -> Raster | DecodedPicture:
     """
     data = _bytes_of(path)
     if data[:2] in MAGICS:
-        return Raster(*read_pnm(data, path, 0))  # shares the memory of the file
+        return PixelRaster(*read_pnm(data, path, 0))  # shares the memory of the file
     return _read_with_pillow(data, path, DECODED_BYTES, in_parts=True)
 
 
@@ -185,19 +185,21 @@ class DecodedPicture:
         """Height and width in pixels."""
         return self.image.height, self.image.width
 
-    def part(self, rows: slice, columns: slice) -> Raster:
+    def part(self, rows: slice, columns: slice) -> PixelRaster:
         """Return a part of the picture as a raster; row 0 is the top row, and the slices have no step."""
         (top, bottom, _), (left, right, _) = rows.indices(self.image.height), columns.indices(self.image.width)
         return _raster(self.image.crop((left, top, right, bottom)), self.data, self.path)
 
 
 @overload
-def _read_with_pillow(data: bytes, path: Path, bytes_per_pixel: int) -> Raster: ...
+def _read_with_pillow(data: bytes, path: Path, bytes_per_pixel: int) -> PixelRaster: ...
 @overload
-def _read_with_pillow(data: bytes, path: Path, bytes_per_pixel: int, *, in_parts: bool) -> Raster | DecodedPicture: ...
+def _read_with_pillow(
+    data: bytes, path: Path, bytes_per_pixel: int, *, in_parts: bool
+) -> PixelRaster | DecodedPicture: ...
 def _read_with_pillow(
     data: bytes, path: Path, bytes_per_pixel: int, *, in_parts: bool = False
-) -> Raster | DecodedPicture:
+) -> PixelRaster | DecodedPicture:
     """Return a picture that Pillow decodes, as a raster or in the memory of Pillow.
 
     `data`: content of the file; `path`: name of the file, for messages; `bytes_per_pixel`: memory per pixel that is
@@ -241,7 +243,7 @@ def _any_size() -> Iterator[None]:
             Image.MAX_IMAGE_PIXELS = before
 
 
-def _raster(image: Image, data: bytes, path: Path) -> Raster:
+def _raster(image: Image, data: bytes, path: Path) -> PixelRaster:
     if min(image.size) == 0:
         raise InputError(f"{path}: the picture has no pixels; export it again")
     if image.mode == "F":
@@ -249,17 +251,17 @@ def _raster(image: Image, data: bytes, path: Path) -> Raster:
     layout = _png_layout(data)
     if image.mode in DEEP_MODES or layout in ((16, 2), (16, 4), (16, 6)):
         deep = _transparent(_deep_values(image, data, layout, path), image.info.get("transparency"))
-        return Raster(deep, 65535, is_grey_alpha=layout == (16, 4))
+        return PixelRaster(deep, 65535, is_grey_alpha=layout == (16, 4))
     if layout is not None and layout[1] == 0:
         key = image.info.pop("transparency", None)  # in the file's bit depth, whereas Pillow scales greys to 8 bits
         grey = np.asarray(image.convert("L"))[..., np.newaxis]
         top = 2 ** layout[0] - 1
-        return Raster(_transparent(grey, None if key is None else min(key, top) * (255 // top)), 255)
+        return PixelRaster(_transparent(grey, None if key is None else min(key, top) * (255 // top)), 255)
     if image.mode == "RGB" and _has_spare_bytes(data):
-        return Raster(_with_spare_bytes(image, data), 255)
+        return PixelRaster(_with_spare_bytes(image, data), 255)
     values = np.asarray(image.convert(_channel_mode(image)))
     numbers = np.asarray(image) if image.mode == "P" and _keeps_palette(image) else None
-    return Raster(values if values.ndim == 3 else values[..., np.newaxis], 255, numbers, layout == (8, 4))
+    return PixelRaster(values if values.ndim == 3 else values[..., np.newaxis], 255, numbers, layout == (8, 4))
 
 
 def _has_spare_bytes(data: bytes) -> bool:

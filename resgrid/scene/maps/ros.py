@@ -20,7 +20,7 @@ from resgrid.core.frame import Frame
 from resgrid.errors import InputError
 from resgrid.scene.maps.arrays import MapCells
 from resgrid.scene.maps.occupancies import conductivities
-from resgrid.scene.maps.pictures import BYTES_PER_PIXEL, DecodedPicture, Raster, open_picture
+from resgrid.scene.maps.pictures import BYTES_PER_PIXEL, DecodedPicture, PixelRaster, open_picture
 from resgrid.scene.maps.preparation import Window, axes_of_window, whole_window
 from resgrid.scene.maps.ros_dialects import CONVERTERS, UNKNOWN, occupancies as convert
 from resgrid.scene.maps.ros_header import NEWEST, Dialect, RosHeader, picture_of, read_header
@@ -71,7 +71,7 @@ class RosParts:
 
     path: Path
     header: RosHeader
-    picture: Raster | DecodedPicture
+    picture: PixelRaster | DecodedPicture
     dialect: Dialect
     options: dict[str, Any]
     axes: tuple[Axis, ...]
@@ -122,7 +122,7 @@ def open_ros(path: Path, dialect: Dialect = NEWEST, **options: Any) -> RosParts:
     header = read_header(path, dialect)
     name = picture_of(path, header.image)
     picture = open_picture(name)
-    if isinstance(picture, Raster):
+    if isinstance(picture, PixelRaster):
         _warn_of_palette(name, picture, dialect)
     else:
         _warn_of_palette(name, picture.part(slice(0, 1), slice(0, 1)), dialect)
@@ -163,7 +163,7 @@ def ros_greys(path: Path, dialect: Dialect = NEWEST, lethal: int | None = None) 
     obstacle; None for the threshold in the ``map.yaml``.
     """
     header = read_header(path, dialect)
-    occupancy = convert(Raster(np.arange(256, dtype=np.uint8).reshape(1, 256, 1), 255), header, dialect)
+    occupancy = convert(PixelRaster(np.arange(256, dtype=np.uint8).reshape(1, 256, 1), 255), header, dialect)
     words = np.where(_is_occupied(occupancy, header, lethal), "obstacle", "free")
     return [str(word) for word in np.where(occupancy == UNKNOWN, "unknown", words)[0]]
 
@@ -227,7 +227,7 @@ def from_occupancy_grid(file: str | os.PathLike[str], dialect: Dialect = NEWEST)
     return source.occupancies(slice(None), slice(None))[::-1].copy()
 
 
-def _warn_of_palette(picture: Path, raster: Raster, dialect: Dialect) -> None:
+def _warn_of_palette(picture: Path, raster: PixelRaster, dialect: Dialect) -> None:
     """Issue a warning if the dialect is "ros1" and the picture has a palette, whose indices then are grey values.
 
     `picture`: name of the file, for the message; `raster`: the picture, or a part; `dialect`: ROS map reader whose

@@ -43,7 +43,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.scene.maps.pictures import Raster
+from resgrid.scene.maps.pictures import PixelRaster
 from resgrid.scene.maps.ros_header import Dialect, RosHeader
 
 OCCUPIED, FREE, UNKNOWN = 100, 0, -1
@@ -56,7 +56,7 @@ ROWS_PER_BLOCK = 64
 """Number of rows of a colour picture that are converted at once; limits the memory of intermediate values."""
 
 
-def occupancies(raster: Raster, header: RosHeader, dialect: Dialect) -> NDArray[np.int8]:
+def occupancies(raster: PixelRaster, header: RosHeader, dialect: Dialect) -> NDArray[np.int8]:
     """Return the occupancies (height, width) of a picture by the rules of a dialect, top row first.
 
     An occupancy is a percentage from 0 (free) to 100 (occupied), or -1 (unknown); with mode ``raw`` of ROS 1, any
@@ -66,7 +66,7 @@ def occupancies(raster: Raster, header: RosHeader, dialect: Dialect) -> NDArray[
     convert = CONVERTERS[dialect]
     if raster.values.shape[2] == 1:  # each grey value is converted once
         every = np.arange(raster.maxval + 1, dtype=np.uint16).reshape(1, -1, 1)
-        return np.asarray(convert(Raster(every, raster.maxval), header)[0][raster.values[..., 0]])
+        return np.asarray(convert(PixelRaster(every, raster.maxval), header)[0][raster.values[..., 0]])
     result = np.empty(raster.values.shape[:2], dtype=np.int8)
     for first in range(0, len(result), ROWS_PER_BLOCK):
         rows = slice(first, first + ROWS_PER_BLOCK)
@@ -77,7 +77,7 @@ def occupancies(raster: Raster, header: RosHeader, dialect: Dialect) -> NDArray[
 class PixelConverter(Protocol):
     """Type of a function that converts a picture to occupancies by the rules of one ROS map reader."""
 
-    def __call__(self, raster: Raster, header: RosHeader) -> NDArray[np.int8]:
+    def __call__(self, raster: PixelRaster, header: RosHeader) -> NDArray[np.int8]:
         """Return the occupancies (height, width) of a picture, top row first, -1 (unknown) to 100.
 
         In mode ``raw`` of ROS 1, any signed byte is possible.  `raster`: the picture; `header`: keys of the
@@ -85,7 +85,7 @@ class PixelConverter(Protocol):
         """
 
 
-def _as_nav2(raster: Raster, header: RosHeader) -> NDArray[np.int8]:
+def _as_nav2(raster: PixelRaster, header: RosHeader) -> NDArray[np.int8]:
     grey = _grey_bytes(raster)
     if header.mode == "raw":
         return np.where(grey <= OCCUPIED, grey, UNKNOWN).astype(np.int8)
@@ -106,7 +106,7 @@ def _as_nav2(raster: Raster, header: RosHeader) -> NDArray[np.int8]:
     return result
 
 
-def _grey_bytes(raster: Raster) -> NDArray[np.int64]:
+def _grey_bytes(raster: PixelRaster) -> NDArray[np.int64]:
     """Return the grey values (height, width) of GraphicsMagick, 0 to 255.
 
     A grey value is the 16-bit ITU-R 601 luma, rounded and then truncated to 8 bits.
@@ -118,7 +118,7 @@ def _grey_bytes(raster: Raster) -> NDArray[np.int64]:
     return luma // 1000 // 257
 
 
-def _as_nav2_jazzy(raster: Raster, header: RosHeader) -> NDArray[np.int8]:
+def _as_nav2_jazzy(raster: PixelRaster, header: RosHeader) -> NDArray[np.int8]:
     quanta = _quanta(raster)
     colour = quanta[..., :-1] if raster.has_alpha else quanta
     if colour.shape[2] == 1:
@@ -143,7 +143,7 @@ def _as_nav2_jazzy(raster: Raster, header: RosHeader) -> NDArray[np.int8]:
     return result
 
 
-def _as_ros1(raster: Raster, header: RosHeader) -> NDArray[np.int8]:
+def _as_ros1(raster: PixelRaster, header: RosHeader) -> NDArray[np.int8]:
     channels, has_alpha = raster.bytes, raster.has_alpha
     if raster.numbers is not None:
         channels, has_alpha = raster.numbers[..., np.newaxis].astype(np.int32), False
@@ -167,7 +167,7 @@ def _as_ros1(raster: Raster, header: RosHeader) -> NDArray[np.int8]:
 CONVERTERS: Mapping[Dialect, PixelConverter] = {"nav2": _as_nav2, "nav2-jazzy": _as_nav2_jazzy, "ros1": _as_ros1}
 
 
-def _quanta(raster: Raster) -> NDArray[np.int64]:
+def _quanta(raster: PixelRaster) -> NDArray[np.int64]:
     return (raster.values.astype(np.int64) * QUANTUM + raster.maxval // 2) // raster.maxval
 
 

@@ -102,7 +102,7 @@ def _slerp(one: Quaternion, two: Quaternion, fraction: float) -> Quaternion:
 
 
 @dataclass(eq=False)
-class Track:
+class PoseTrack:
     """Samples of the pose of one frame in its parent frame.
 
     `is_static`: whether the samples come from static transforms, each of which holds until the next one and the first
@@ -176,7 +176,7 @@ class TransformBuffer:
     """All usable transforms of a recording; `tracks`: samples of the pose of each child frame, by its name."""
 
     def __init__(self) -> None:
-        self.tracks: dict[str, Track] = {}
+        self.tracks: dict[str, PoseTrack] = {}
         self._ignored: dict[str, tuple[int, str]] = {}  # number and frames of the first one, by reason
 
     def add(
@@ -195,7 +195,7 @@ class TransformBuffer:
             self._ignored[reason] = count + 1, first
             return
         unit = tuple(part / norm for part in turn)
-        track = self.tracks.setdefault(child, Track(is_static))
+        track = self.tracks.setdefault(child, PoseTrack(is_static))
         track.add(stamp, parent, Transform(shift, unit))  # type: ignore[arg-type]
 
     @property

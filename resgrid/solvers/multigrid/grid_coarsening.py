@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from resgrid._internal.jit import ZERO, inner, kernel
 from resgrid.solvers.csr_kernels import find, join
 from resgrid.solvers.multigrid.grid_level import WEAK, Level, level_of
-from resgrid.solvers.multigrid.red_black import Edges, Lattice
+from resgrid.solvers.multigrid.red_black import Edges, RedBlackLayout
 from resgrid.solvers.scaled import Indices, Integers, Singles
 
 
@@ -36,13 +36,13 @@ def coarsen(level: Level, *, split: bool) -> tuple[Level, NDArray[np.int32]] | N
     level has no node.
     """
     shift = (level.mean > WEAK * level.mean.max()).astype(np.int64)
-    lattice = Lattice(tuple((n - 1 >> s) + 1 for n, s in zip(level.lattice.shape, shift.tolist(), strict=True)))
+    lattice = RedBlackLayout(tuple((n - 1 >> s) + 1 for n, s in zip(level.lattice.shape, shift.tolist(), strict=True)))
     target = _blocks(level, lattice, shift)
     home = _split(level, lattice, target, WEAK if split else 0.0)
     before, colour = lattice.slots, (home >= lattice.slots).astype(np.int64)
     if len(home):
         most = int(np.bincount(colour).max())
-        lattice = Lattice(lattice.shape, most)
+        lattice = RedBlackLayout(lattice.shape, most)
         rank = np.where(colour == 0, np.cumsum(colour == 0), np.cumsum(colour == 1)) - 1
         number = (colour * lattice.slots + lattice.first_extra + rank).astype(np.int32)
         extra = target >= 2 * before
@@ -57,7 +57,7 @@ def coarsen(level: Level, *, split: bool) -> tuple[Level, NDArray[np.int32]] | N
     return level_of(lattice, edges, leak, (red, black)), target
 
 
-def _blocks(level: Level, lattice: Lattice, shift: NDArray[np.int64]) -> NDArray[np.int32]:
+def _blocks(level: Level, lattice: RedBlackLayout, shift: NDArray[np.int64]) -> NDArray[np.int32]:
     """Return the position, on the next level, of the block that contains the node at every fine slot, shape (2, slots).
 
     Row 0 belongs to the red nodes of the finer level, row 1 to the black ones. A position is the index of a red block
@@ -77,7 +77,7 @@ def _blocks(level: Level, lattice: Lattice, shift: NDArray[np.int64]) -> NDArray
     return target
 
 
-def _split(level: Level, lattice: Lattice, target: NDArray[np.int32], weak: float) -> NDArray[np.int64]:
+def _split(level: Level, lattice: RedBlackLayout, target: NDArray[np.int32], weak: float) -> NDArray[np.int64]:
     """Number the extra nodes, the connected components of each block except its first; return their blocks (extras,).
 
     A block is given as its position on the next level: a red block's index in an array (``lattice.slots``,), or
@@ -158,7 +158,7 @@ def _in_series(conductance: NDArray[np.float64], inner: NDArray[np.float32], fra
 
 
 def sum_up(
-    level: Level, lattice: Lattice, target: NDArray[np.int32], extras: int
+    level: Level, lattice: RedBlackLayout, target: NDArray[np.int32], extras: int
 ) -> tuple[Edges, NDArray[np.float64], NDArray[np.float32]] | None:
     """Return the conductances between coarse nodes, their leaks (conductances to rails), and those inside coarse nodes.
 

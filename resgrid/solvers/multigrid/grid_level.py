@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from resgrid._internal.jit import inner, inner_fast, kernel
 from resgrid.solvers.laplacian import MOST_NUMBERED, Graph
-from resgrid.solvers.multigrid.red_black import Edges, Lattice, Stencil
+from resgrid.solvers.multigrid.red_black import Edges, RedBlackLayout, Stencil
 from resgrid.solvers.scaled import Floats, Indices, Integers, Reals
 
 _TINY = 1e-300
@@ -45,7 +45,7 @@ class Level:
     the shape ``lattice.shape``, of the cell to which each belongs; `size`: number of nodes.
     """
 
-    lattice: Lattice
+    lattice: RedBlackLayout
     edges: Edges
     leak: NDArray[np.float64]
     degree: NDArray[np.float64]
@@ -77,7 +77,7 @@ def lay_out(
     """
     if cells.ndim < 2:
         return None
-    lattice = Lattice(cells.shape)
+    lattice = RedBlackLayout(cells.shape)
     if 2 * lattice.slots > MOST_NUMBERED:
         return None
     slot = np.full(len(excess), -1, dtype=np.int32)
@@ -96,7 +96,7 @@ def lay_out(
 
 
 def _ring_couplings(
-    slot: NDArray[np.int32], conductance: NDArray[np.float64], lattice: Lattice
+    slot: NDArray[np.int32], conductance: NDArray[np.float64], lattice: RedBlackLayout
 ) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32], NDArray[np.float64]]:
     """Return red slots, black slots, axes and conductances, (m,) each, of the resistors that close periodic axes.
 
@@ -115,7 +115,10 @@ def _ring_couplings(
 
 
 def level_of(
-    lattice: Lattice, edges: Edges, leak: NDArray[np.float64], extra_cell: tuple[NDArray[np.int64], NDArray[np.int64]]
+    lattice: RedBlackLayout,
+    edges: Edges,
+    leak: NDArray[np.float64],
+    extra_cell: tuple[NDArray[np.int64], NDArray[np.int64]],
 ) -> Level:
     """Return a `Level` with computed degrees and statistics.
 
@@ -272,9 +275,9 @@ def place_rows(cells: Indices, lines: Integers, slots: int, slot: Indices) -> in
 
     The position of a red cell is its index in an array over the red cells; that of a black cell is `slots` plus its
     index in an array over the black cells. `cells` (lines, cells per line): row of every cell along the last axis,
-    negative for none; `lines` (lines,): number of the first cell of every line (see `Lattice.lines`); `slots`: length
-    of the arrays of one colour; `slot` (n,): receives the positions; all entries are negative on entry, and remain so
-    for rows without a cell.
+    negative for none; `lines` (lines,): number of the first cell of every line (see `RedBlackLayout.lines`); `slots`:
+    length of the arrays of one colour; `slot` (n,): receives the positions; all entries are negative on entry, and
+    remain so for rows without a cell.
     """
     count = 0
     for line in range(len(lines)):

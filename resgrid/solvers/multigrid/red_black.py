@@ -31,7 +31,7 @@ _PADDING = 16
 
 
 @dataclass(frozen=True, eq=False)
-class Lattice:
+class RedBlackLayout:
     """Memory layout of a grid's cells: each cell has a slot, its index in the arrays (slots,) of its colour.
 
     The colours are red and black; the slots of both count from 0. `shape`: number of cells along every axis, two axes

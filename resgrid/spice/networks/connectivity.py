@@ -41,12 +41,15 @@ from resgrid.spice.networks.focal_points import (
     whole_numbers,
 )
 from resgrid.spice.networks.landscapes import Landscape
-from resgrid.spice.networks.measurements import UNCONNECTED, Flow, Measurement, solve_measurement
+from resgrid.spice.networks.measurements import UNCONNECTED, JobSolution, Measurement, solve_measurement
 from resgrid.spice.networks.raster_networks import conductance_and_polygons
 from resgrid.spice.networks.rasters import read_raster
 
 _REFUSED = ("use_reclass_table", "compress_grids", "set_focal_node_currents_to_zero", "write_as_tif")
 """Keys of a configuration for options that are not supported: a job in which one is true raises InputError."""
+
+_Solved = tuple[JobSolution | None, NDArray[np.int64] | None]
+"""Solution of a circuit of a job, None if no current can flow, and the node of every cell, None in a network job."""
 
 
 @frozen
@@ -293,12 +296,12 @@ def _solutions(
 
 def _flows(
     shared: Any, make: Any, items: Sequence[Any], executor: Executor | None, progress: Count | None
-) -> Iterator[tuple[Flow | None, NDArray[np.int64] | None]]:
+) -> Iterator[_Solved]:
     """Yield for each item the solution of its circuit, None if no current can flow, and the node of every cell.
 
     `shared`: landscape or netlist; `make`: function that returns the `Measurement` (circuit, sources, grounds) of
     `shared` and an item; `items`: tuples of indices of focal points or of nodes; `executor`: workers, or None;
-    `progress`: called as ``progress(done, total)``, or None. A network job has None instead of the nodes of cells.
+    `progress`: called as ``progress(done, total)``, or None.
     """
     part = JobPart(_solve_items, (shared, make), items, "solutions")
     with closing(in_order([part], executor)) as results:
@@ -316,11 +319,8 @@ def _on_cells(values: NDArray[np.float64], node: NDArray[np.int64]) -> NDArray[n
     return np.where(node >= 0, values[node], 0.0)
 
 
-def _solve_items(shared: tuple[Any, Any], items: Sequence[Any]) -> list[tuple[Flow | None, NDArray[np.int64] | None]]:
-    """Return for each item the solution of its circuit, None if no current can flow, and the node of every cell.
-
-    `shared`: pair of a landscape or netlist, and a function that returns the `Measurement` of that and an item.
-    """
+def _solve_items(shared: tuple[Any, Any], items: Sequence[Any]) -> list[_Solved]:
+    """Return the solutions of the items; `shared`: landscape or netlist, and function to the circuit of an item."""
     place, make = shared
     return [(solve_measurement(measured), measured.node) for measured in (make(place, item) for item in items)]
 

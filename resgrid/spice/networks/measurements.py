@@ -31,7 +31,7 @@ class Measurement(NamedTuple):
     node: NDArray[np.int64] | None
 
 
-class Flow(NamedTuple):
+class JobSolution(NamedTuple):
     """Solution of one circuit of a Circuitscape job.
 
     `resistance`: voltage divided by current, in ohms, of the first source that is connected to a ground, 0 for a source
@@ -46,7 +46,7 @@ class Flow(NamedTuple):
     resistor_current: NDArray[np.float64]
 
 
-def solve_measurement(measured: Measurement) -> Flow | None:
+def solve_measurement(measured: Measurement) -> JobSolution | None:
     """Return the solution of one circuit of a job; None if no source with a current is connected to a ground."""
     netlist = measured.netlist
     part = label_components(netlist.resistor_nodes, netlist.node_count)
@@ -61,7 +61,7 @@ def solve_measurement(measured: Measurement) -> Flow | None:
         return None
     if {node for node, _ in driven} <= set(grounds):  # points on one node: no current leaves the node
         zeros = np.zeros(netlist.node_count)
-        return Flow(0.0, zeros, zeros, np.zeros(len(netlist.conductance)))
+        return JobSolution(0.0, zeros, zeros, np.zeros(len(netlist.conductance)))
     if len(driven) == 1:
         return _from_one_source(netlist, *driven[0], grounds)
     place = np.arange(netlist.node_count)
@@ -77,10 +77,10 @@ def solve_measurement(measured: Measurement) -> Flow | None:
     voltage = np.nan_to_num(point.voltage[place])
     through = through_nodes(netlist.resistor_nodes, point.resistor_current, netlist.node_count)
     node, amps = driven[0]
-    return Flow(float(voltage[node] / amps), voltage, through, point.resistor_current)
+    return JobSolution(float(voltage[node] / amps), voltage, through, point.resistor_current)
 
 
-def _from_one_source(netlist: Netlist, source: int, amps: float, grounds: list[int]) -> Flow:
+def _from_one_source(netlist: Netlist, source: int, amps: float, grounds: list[int]) -> JobSolution:
     """Return the solution of a circuit with one source and some nodes at 0 V.
 
     `netlist`: circuit without sources; `source`: node of the source; `amps`: current into this node, in A; `grounds`:
@@ -92,4 +92,4 @@ def _from_one_source(netlist: Netlist, source: int, amps: float, grounds: list[i
     flow = currents_between_groups(netlist, group, int(group[source]), int(group[grounds[0]]), amps=abs(amps))
     sign = float(np.sign(amps))
     through = through_nodes(netlist.resistor_nodes, flow.resistor_current, netlist.node_count)
-    return Flow(flow.resistance, sign * np.nan_to_num(flow.voltage), through, sign * flow.resistor_current)
+    return JobSolution(flow.resistance, sign * np.nan_to_num(flow.voltage), through, sign * flow.resistor_current)
