@@ -72,6 +72,9 @@ _MOST_STEPS = 30
 Doubled = tuple[NDArray[np.float64], NDArray[np.float64]]
 """Array of double-doubles, as the pair of an array of leading parts and an array of their rounding errors."""
 
+_NONE: Doubled = np.zeros(0), np.zeros(0)
+"""Array of no double-doubles."""
+
 
 def recover_currents(system: Equations, pairs: Pairs = ()) -> tuple[RecoveredCurrents | None, DirectFactor | None]:
     """Return voltages and currents that obey KCL at every row (unknown voltage), and the factors of the matrix.
@@ -165,15 +168,19 @@ def _refined(system: Equations, factors: SupernodalFactors) -> _Differences:
     held = np.where(system.unknown >= 0, offset, np.nan_to_num(system.known_voltages()))
     still = np.zeros(netlist.node_count, dtype=np.bool_)
     still[system.floating] = still[system.undriven] = True
-    currentless = _currentless(system, rows)
+    parts = _parts_of(system)
+    currentless, first_volts = parts.currentless, parts.shifts(zeros, parts.lift)
     flows = ~still[ends].any(axis=1) & ~currentless
-    one, other = ((flows * held[end], flows * rest[end]) for end in ends.T)
+    of_row = np.append(first_volts[0], 0.0)[system.unknown], np.append(first_volts[1], 0.0)[system.unknown]
+    volts = _plus(of_row, held, rest)
+    one, other = ((flows * volts[0][end], flows * volts[1][end]) for end in ends.T)
     falls = _plus(one, -other[0], -other[1])
-    heights, worst = (zeros - system.reference, zeros), np.inf
+    heights, worst = _plus(first_volts, zeros - system.reference), np.inf
     unresolved, underflowing = flows & False, flows & False
     net, through = _residual(system, rows, falls)
     for _ in range(_MOST_STEPS):
         x = factors.solve(net)
+        x += parts.shifts(x, (0.0 * parts.lift[0], 0.0 * parts.lift[1]))[0]
         size = float(np.abs(x).max())
         if not size < _MOST_VOLTS:
             worst = np.inf
@@ -197,32 +204,61 @@ def _refined(system: Equations, factors: SupernodalFactors) -> _Differences:
     return _Differences(falls, heights, net, through, worst, unresolved, currentless)
 
 
-def _currentless(system: Equations, rows: NDArray[np.int32]) -> NDArray[np.bool_]:
-    """Return which resistors lie in dead ends, a mask (resistors,): a single row connects them to all sources.
+class _Parts(NamedTuple):
+    """Parts of a circuit that only resistors without current join, such as a circuit and its dead ends.
 
-    `rows` (resistors, 2): rows of both ends, -1 for a known voltage.  Known voltages count as sources.  Dead ends carry
-    no current for any conductances.  The result is False everywhere for a grid of cells with two rails, or with one
-    rail and source currents of one sign.
+    `currentless` (resistors,): whether a resistor carries no current for any conductances; `of_row` (n + 1,): part of
+    every row, and of the known voltages; `joints` (k, 2): rows at the two ends of the resistor that joins a part to an
+    earlier one, n for a known voltage; `lift` (k,): voltage of the first end above its row, or its known voltage, minus
+    that of the second end, in volts, as a double-double.  The part of the known voltages has no joint.
     """
-    currentless = np.zeros(len(rows), dtype=np.bool_)
+
+    currentless: NDArray[np.bool_]
+    of_row: NDArray[np.int64]
+    joints: NDArray[np.int64]
+    lift: Doubled
+
+    def shifts(self, x: NDArray[np.float64], lift: Doubled) -> Doubled:
+        """Return the shifts of all rows, (n,), in volts, for which no voltage lies across the joints of the parts.
+
+        `x` (n,): voltages of the rows before the shift; `lift` (k,): as the field of this name, or 0 for corrections.
+        """
+        from resgrid.circuit.kernels import align_parts
+
+        shift, shift_low = np.zeros((2, int(self.of_row.max()) + 1))
+        align_parts(self.joints, self.of_row, *lift, np.append(x, 0.0), shift, shift_low)
+        return shift[self.of_row[:-1]], shift_low[self.of_row[:-1]]
+
+
+def _parts_of(system: Equations) -> _Parts:
+    """Return the parts of a circuit that only resistors without current join.
+
+    A grid of cells with two rails, or with one rail and source currents of one sign, counts as one part.
+    """
+    netlist, forest, count = system.netlist, system.forest, len(system.netlist.conductance)
     if _is_field(system):
-        return currentless
+        return _Parts(np.zeros(count, np.bool_), np.zeros(system.size + 1, np.int64), np.zeros((0, 2), np.int64), _NONE)
     from resgrid.circuit.kernels import mark_currentless
 
-    netlist, forest = system.netlist, system.forest
-    lifted = forest.order[(forest.height != 0.0) | (forest.rounding != 0.0)]
-    drives = np.unique(system.unknown[np.concatenate([netlist.current_nodes.ravel(), lifted])])
-    drives = drives[drives >= 0]
-    joined = np.stack([drives, np.full_like(drives, system.size)], axis=1)
-    between = np.flatnonzero(rows[:, 0] != rows[:, 1])
-    pairs = np.concatenate([np.where(rows[between] < 0, system.size, rows[between]), joined]).astype(np.int32)
-    start = np.concatenate([[0], np.cumsum(np.bincount(pairs.ravel(), minlength=system.size + 1))])
+    tied, driven = forest.source >= 0, netlist.current_amps != 0.0
+    ties = np.stack([forest.order[tied], forest.parent[tied]], axis=1)
+    pairs = np.concatenate([netlist.resistor_nodes, ties, netlist.current_nodes[driven]]).astype(np.int32)
+    drives = np.concatenate([np.zeros(count), netlist.source_volts[forest.source[tied]], netlist.current_amps[driven]])
+    start = np.concatenate([[0], np.cumsum(np.bincount(pairs.ravel(), minlength=netlist.node_count))])
     edge, marks = np.argsort(pairs.ravel(), kind="stable") // 2, np.zeros(len(pairs), dtype=np.bool_)
-    place, (order, low, entry, path) = start[:-1].copy(), np.full((4, system.size + 1), -1)
-    edges = np.empty(len(pairs), dtype=np.int64)
-    mark_currentless(pairs, start, edge, place, order, low, entry, path, edges, marks)
-    currentless[between] = marks[: len(between)]
-    return currentless
+    place, (order, low, entry, path) = start[:-1].copy(), np.full((4, netlist.node_count), -1)
+    mark_currentless(pairs, drives != 0.0, start, edge, place, order, low, entry, path, np.empty_like(edge), marks)
+    currentless, row = marks[:count], np.where(system.unknown < 0, system.size, system.unknown)
+    of_row = label_components(row[netlist.resistor_nodes[~currentless]], system.size + 1)
+    found = np.argsort(order)[np.count_nonzero(order < 0) + 1 :]
+    ends = found[(entry[found] < count) & marks[entry[found]]]
+    ends = np.stack([pairs[entry[ends]].sum(axis=1) - ends, ends])
+    offset, rest = forest.offsets
+    held = np.where(system.unknown >= 0, offset, np.nan_to_num(system.known_voltages()))
+    lift = _plus((held[ends[0]], rest[ends[0]]), -held[ends[1]], -rest[ends[1]])
+    parts, joins = np.unique(of_row[row[ends[1]]], return_index=True)
+    joins = np.sort(joins[parts != of_row[-1]])
+    return _Parts(currentless, of_row, row[ends].T[joins], (lift[0][joins], lift[1][joins]))
 
 
 def _bound(system: Equations, factors: SupernodalFactors, found: _Differences) -> float:

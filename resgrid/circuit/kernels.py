@@ -58,40 +58,39 @@ def number_components(part: Indices) -> int:
 
 
 @inlined
-def _close_component(pairs: Indices, last: int, root: int, edges: Integers, top: int, currentless: Bools) -> int:
+def _close_component(last: int, edges: Integers, top: int, drives: Bools, currentless: Bools) -> int:
     """Pop the edges of a biconnected component from the stack, and return the new height of the stack.
 
-    `pairs` (m, 2): vertices of the edges; `last`: edge of the component that is deepest in the stack; `root`: vertex
-    that stands for all terminals of sources; `edges` (m,): the stack; `top`: number of edges on the stack;
-    `currentless` (m,): set to True for the popped edges if fewer than two of them touch the root.
+    `last`: edge of the component that is deepest in the stack; `edges` (m,): the stack; `top`: number of edges on the
+    stack; `drives` (m,): whether an edge is a source with a value other than 0; `currentless` (m,): set to True for the
+    popped edges if none of them is such a source.
     """
-    first, contacts = top, 0
+    first, driven = top, False
     while first == top or edges[first] != last:
         first -= 1
-        k = edges[first]
-        contacts += pairs[k, 0] == root or pairs[k, 1] == root
+        driven = driven or drives[edges[first]]
     for place in range(first, top):
-        currentless[edges[place]] = contacts < 2
+        currentless[edges[place]] = not driven
     return first
 
 
 @kernel
 def mark_currentless(
-    pairs: Indices, start: Integers, edge: Integers, place: Integers, order: Integers, low: Integers, entry: Integers,
-    path: Integers, edges: Integers, currentless: Bools,
+    pairs: Indices, drives: Bools, start: Integers, edge: Integers, place: Integers, order: Integers, low: Integers,
+    entry: Integers, path: Integers, edges: Integers, currentless: Bools,
 ) -> None:  # fmt: skip
-    """Mark the resistors that lie on no path between two terminals of sources, in place.
+    """Mark the elements that carry no current for any conductances, in place.
 
-    `pairs` (m, 2): row at each end, or the number n of rows for a terminal; `start` (n + 2,), `edge` (2 m,): the
-    resistors at every vertex in compressed rows; `place` (n + 1,): a copy of ``start[:-1]``; `order`, `low`, `entry`,
-    `path` (n + 1,): work arrays filled with -1; `edges` (m,): work array; `currentless` (m,): the result.
+    `pairs` (m, 2): nodes of the elements, which are resistors and sources; `drives` (m,): whether an element is a
+    source with a value other than 0; `start` (nodes + 1,), `edge` (2 m,): the elements at every node in compressed
+    rows; `place` (nodes,): a copy of ``start[:-1]``; `order`, `low`, `entry`, `path` (nodes,): work arrays filled with
+    -1; `edges` (m,): work array; `currentless` (m,): the result.  On return, `order` is the position of every node in a
+    depth-first search from ground, and `entry` the element by which the search entered the node, -1 for none.
 
-    All terminals are one vertex, the root.  A resistor carries current only in a biconnected component (Hopcroft and
-    Tarjan, Commun. ACM 16, 1973, 372) that at least two resistors join to the root.  Resistors without a path to the
-    root are not marked.
+    An element carries current only in a biconnected component (Hopcroft and Tarjan, Commun. ACM 16, 1973, 372) that
+    contains such a source.  Elements without a path to ground are not marked.
     """
-    root = len(start) - 2
-    path[0], order[root], low[root] = root, 0, 0
+    path[0], order[0], low[0] = 0, 0, 0
     depth, top, found = 1, 0, 1
     while depth:
         v = path[depth - 1]
@@ -109,14 +108,35 @@ def mark_currentless(
                 found, depth = found + 1, depth + 1
             else:
                 low[v] = min(low[v], order[w])
-        elif v == root:
+        elif depth == 1:
             depth = 0
         else:
             depth -= 1
             above = path[depth - 1]
             low[above] = min(low[above], low[v])
             if low[v] >= order[above]:
-                top = _close_component(pairs, entry[v], root, edges, top, currentless)
+                top = _close_component(entry[v], edges, top, drives, currentless)
+
+
+@kernel
+def align_parts(
+    joints: Integers, part: Integers, lift: Floats, lift_low: Floats, x: Floats, shift: Floats, shift_low: Floats
+) -> None:
+    """Compute shifts of the voltages of parts of a circuit for which no voltage lies across the joints of the parts.
+
+    `joints` (k, 2): rows at the two ends of the resistor without current that joins a part to an earlier one, in the
+    order of a search from ground; `part` (n + 1,): part of every row, and of the known voltages; `lift`, `lift_low`
+    (k,): voltage of the first end above its row minus that of the second end, in volts, and its rounding error; `x`
+    (n + 1,): voltages of the rows, and 0 for the known voltages, in volts; `shift`, `shift_low` (parts,): the result,
+    in volts, and its rounding error; 0 on entry.
+    """
+    for k in range(len(joints)):
+        i, j = joints[k, 0], joints[k, 1]
+        a, e = _two_sum(x[i], shift[part[i]])
+        b, f = _two_sum(a, lift[k])
+        c, g = _two_sum(b, -x[j])
+        rest = e + f + g + shift_low[part[i]] + lift_low[k]
+        shift[part[j]], shift_low[part[j]] = _two_sum(c, rest)
 
 
 @inlined

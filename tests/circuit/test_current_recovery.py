@@ -1,13 +1,19 @@
-"""Resistor currents of circuits with widely different conductances, against exact fractions and closed forms."""
+"""Resistor currents of circuits with widely different conductances, against exact fractions and closed forms.
+
+Tests internals: `resgrid.circuit.current_recovery`.
+"""
 
 from __future__ import annotations
 
+import warnings
 from fractions import Fraction
 
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
+from support.cancelling import cancelling_circuit
 from support.circuits import exact_currents
+from support.fractions_solver import solve_exactly
 from support.spaces import serpentine, space_of
 
 import resgrid as rg
@@ -262,3 +268,59 @@ def test_dead_ends_of_a_large_mesh_carry_zero_and_keep_the_error_bound_small() -
     assert found.amps[:mesh].all()
     point = rg.solve(netlist)
     assert point.resistor_current == pytest.approx(found.amps, rel=1e-9)
+
+
+def test_dead_ends_at_floating_sources_of_a_large_mesh_have_the_voltage_of_their_node() -> None:
+    """Dead ends at both nodes of a floating source, and a resistive path between the nodes, which carries current."""
+    side, count = 28, 28 * 28
+    node = np.arange(count).reshape(side, side)
+    first, second = int(node[3, 3]), int(node[-4, -4])
+    pairs = [*zip(node[1:].ravel(), node[:-1].ravel(), strict=True)]
+    pairs += [*zip(node[:, 1:].ravel(), node[:, :-1].ravel(), strict=True)]
+    pairs += [(first, count), (second, count + 1), (count + 1, count + 2), (count + 2, count + 1)]
+    pairs += [(first, count + 3), (count + 3, second), (count + 3, count + 4)]
+    netlist = rg.Netlist(
+        count + 5, pairs, np.random.default_rng(2).uniform(0.5, 2.0, len(pairs)), source_nodes=[(first, second)],
+        source_volts=[1.0], current_nodes=[(0, 300)], current_amps=[0.5],
+    )  # fmt: skip
+    matrix, size = np.zeros((count + 6, count + 6)), count + 5
+    for (i, j), siemens in zip(pairs, netlist.conductance.tolist(), strict=True):
+        matrix[[i, j, i, j], [i, j, j, i]] += [siemens, siemens, -siemens, -siemens]
+    matrix[[size, size, first, second], [first, second, size, size]] = [1.0, -1.0, 1.0, -1.0]
+    matrix[0], matrix[0, 0] = 0.0, 1.0
+    rhs = np.zeros(count + 6)
+    rhs[[300, size]] = 0.5, 1.0
+    exact = np.linalg.solve(matrix, rhs)
+    point = rg.solve(netlist)
+    np.testing.assert_allclose(point.voltage, exact[:-1], rtol=0.0, atol=1e-12)
+    assert point.voltage[[count, count + 1, count + 2]] == pytest.approx(
+        point.voltage[[first, second, second]], rel=1e-14
+    )
+    falls = exact[np.array(pairs)] @ [1.0, -1.0]
+    np.testing.assert_allclose(point.resistor_current, netlist.conductance * falls, rtol=0.0, atol=1e-12)
+    assert not point.resistor_current[[-7, -6, -5, -4, -1]].any()
+
+
+@pytest.mark.parametrize("part", range(4))
+@pytest.mark.quick_cases(1)
+def test_corrections_of_circuits_with_cancelling_currents_equal_exact_fractions(
+    part: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Small circuits, corrected in double-double as large ones are."""
+    monkeypatch.setattr("resgrid.circuit.current_recovery._FEW_ENTRIES", -1)
+    for number in range(150):
+        netlist = cancelling_circuit(part, number)
+        try:
+            with warnings.catch_warnings():
+                warnings.filterwarnings("ignore", "[0-9]+ voltage sources form loops")
+                point = rg.solve(netlist)
+        except (rg.CircuitError, rg.AccuracyError):
+            continue
+        exact = solve_exactly(netlist)
+        assert exact is not None
+        for found, wanted in ((point.voltage, exact.voltage), (point.resistor_current, exact.resistor_current)):
+            known = [
+                (value, float(each)) for value, each in zip(found.tolist(), wanted, strict=True) if each is not None
+            ]
+            values, expected = np.array(known).reshape(-1, 2).T
+            np.testing.assert_allclose(values, expected, rtol=0.0, atol=1e-9 * np.abs(expected).max(initial=0.0))
