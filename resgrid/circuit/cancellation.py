@@ -329,6 +329,8 @@ def _initial_state(system: Equations, depth: int, guard: int, pairs: Pairs) -> I
     volts, reference = _offsets(system, unit_volts), _units(system.reference, unit_volts)
     for node in np.flatnonzero(unknown >= 0).tolist():
         volts[node] += reference
+    for node, level in zip(system.undriven.tolist(), system.undriven_volts.tolist(), strict=True):
+        volts[node] = _units(level, unit_volts)
     resistors = [
         _Resistor(k, tuple(nodes), tuple(rows), *fixed(g), math.log2(g))
         for k, nodes, rows, g in zip(flows.tolist(), ends.tolist(), unknown[ends].tolist(), siemens, strict=True)

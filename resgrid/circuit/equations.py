@@ -266,15 +266,18 @@ def components_of(netlist: Netlist, elements: NDArray[np.int32], forest: SourceF
     ends = np.take(elements, contacts, axis=0)
     inside = component[ends]
     outer_node, touching = ends[inside < 0], inside.max(axis=1)
-    offset, rest = forest.offsets
-    lowest, highest = _range(offset[outer_node], touching, count)
+    lowest, highest = _range(forest.offsets[0][outer_node], touching, count)
     has_drive = np.zeros(count + 1, dtype=np.bool_)  # the last entry is for nodes of known voltage
     for end in netlist.current_nodes.T:
         has_drive[np.take(component, end)[netlist.current_amps != 0]] = True
     has_drive[component[forest.order[(forest.base != GROUND) & (forest.height != 0)]]] = True
     has_drive = has_drive[:count]
-    if forest.rounding.any():
-        least, most = _range(rest[outer_node], touching, count)
+    if forest.rounding.any():  # different exact voltages may have equal doubles
+        nodes, place = np.unique(outer_node, return_inverse=True)
+        rounded = forest.offsets[0][nodes].tolist()
+        exact = [forest.exact.get(node, volts) for node, volts in zip(nodes.tolist(), rounded, strict=True)]
+        rank = {volts: number for number, volts in enumerate(sorted(set(exact)))}
+        least, most = _range(np.array([rank[volts] for volts in exact], dtype=np.float64)[place], touching, count)
         has_drive |= most > least
     return Components(component, lowest, highest, has_drive, contacts)
 

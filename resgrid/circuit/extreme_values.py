@@ -10,17 +10,19 @@ from __future__ import annotations
 import decimal
 import math
 from decimal import Decimal
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.circuit.cancellation import NEAR_FLOOR, IntegerState, refine_in_integers
+from resgrid.circuit.cancellation import NEAR_FLOOR, IntegerState, Pairs, refine_in_integers
 from resgrid.circuit.equations import Equations
 from resgrid.circuit.operating_point import OUT_OF_RANGE, BranchCurrents, OperatingPoint
+from resgrid.circuit.sources import without_loops
 from resgrid.core.netlist import Netlist
 from resgrid.errors import AccuracyError, CircuitError
 from resgrid.solvers.conservative_factors import Column, Fixed, nearest
-from resgrid.solvers.scaled import BITS
+from resgrid.solvers.scaled import BITS, Numbers
 
 _USUAL = 2.0**126
 """Largest magnitude of usual values in SI units, and the inverse of the smallest; about the range of single precision.
@@ -48,12 +50,31 @@ _ARITHMETIC = decimal.Context(prec=40, Emin=decimal.MIN_EMIN, Emax=decimal.MAX_E
 """Decimal arithmetic with 40 digits, in which no product and no quotient of doubles overflows or underflows."""
 
 
+class ExtremeResponse(NamedTuple):
+    """Voltages and currents as mantissas and exponents of ``2**256``.
+
+    `voltage` (nodes,): node voltages in volts; `fall` (pairs,): voltages between the nodes of pairs, first minus
+    second; `resistor` (resistors,): currents from the first to the second node in amperes; `source` (sources,):
+    currents into the plus terminals, NaN in loops of sources.
+    """
+
+    voltage: Numbers
+    fall: Numbers
+    resistor: Numbers
+    source: Numbers
+
+
+def is_small(netlist: Netlist) -> bool:
+    """Return whether decimal arithmetic is possible: for a circuit of at most 2,000 nodes, without a space."""
+    return netlist.space_map is None and netlist.node_count <= _MOST_NODES
+
+
 def is_extreme(netlist: Netlist) -> bool:
     """Return whether a circuit of at most 2,000 nodes, without a space, has values outside ``2**-126`` to ``2**126``.
 
     The values are conductances, source voltages and source currents other than 0, in SI units.
     """
-    if netlist.space_map is not None or netlist.node_count > _MOST_NODES:
+    if not is_small(netlist):
         return False
     values = np.abs(np.concatenate([netlist.conductance, netlist.source_volts, netlist.current_amps]))
     return bool(np.any((values > _USUAL) | ((values > 0.0) & (values < 1.0 / _USUAL))))
@@ -129,22 +150,49 @@ def _fixed(value: Decimal) -> Fixed:
     return (above << places if places >= 0 else above >> -places) // below, places
 
 
-def _scaled_currents(state: IntegerState) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return the resistor currents as ``mantissa * 2**(256 exponent)`` A, (resistors,) each, first to second node.
+def respond_extreme(system: Equations, pairs: Pairs) -> ExtremeResponse:
+    """Return voltages and currents of the equations with separate exponents; `pairs`: pairs of nodes for the falls.
 
-    Currents below the floor, a tiny fraction of the largest current, are 0.
+    The known voltages of `system` must be 0 V.  Raise AccuracyError if the refinement diverges.
     """
-    count = len(state.system.netlist.conductance)
-    amps, exponent = np.zeros(count), np.zeros(count, dtype=np.int64)
+    state = refine_in_integers(system, _columns(system), _DEPTH, _GUARD, pairs)
+    if state is None:
+        raise AccuracyError(
+            "the conductances span too many orders of magnitude; check the smallest and the largest one"
+        )
+    least, source = max(map(int.bit_length, state.volts)) - state.depth, state.source_currents()
+    floor = _floor(state, max(map(int.bit_length, source), default=0) + state.unit_amps) - state.unit_amps
+    amps, exponent = _scaled(source, state.unit_amps, floor)
+    volts, falls = (_scaled(values, state.unit_volts, least) for values in (state.volts, state.falls()))
+    return ExtremeResponse(volts, falls, _scaled_currents(state), (without_loops(system.forest, amps), exponent))
+
+
+def _scaled(values: list[int], unit: int, least: int) -> Numbers:
+    """Return integers in units of ``2**unit`` as mantissas and exponents of ``2**256``.
+
+    Integers of at most `least` binary digits become 0.
+    """
+    numbers, exponent = np.zeros(len(values)), np.zeros(len(values), dtype=np.int64)
+    for k, value in enumerate(values):
+        if value.bit_length() > least:
+            steps = round((value.bit_length() + unit) / BITS)
+            steps = steps if abs(value.bit_length() + unit) > _PLAIN else 0
+            numbers[k], exponent[k] = nearest(value, unit - BITS * steps), steps
+    return numbers, exponent
+
+
+def _scaled_currents(state: IntegerState) -> Numbers:
+    """Return the resistor currents as ``mantissa * 2**(256 exponent)`` A, (resistors,) each; 0 below the floor."""
+    amps, exponent = np.zeros(count := len(state.system.netlist.conductance)), np.zeros(count, dtype=np.int64)
+    digits = max((each.places for each in state.resistors), default=0)
     values = [
-        ((state.volts[each.nodes[0]] - state.volts[each.nodes[1]]) * each.siemens, state.unit_volts - each.places)
+        (state.volts[each.nodes[0]] - state.volts[each.nodes[1]]) * each.siemens << digits - each.places
         for each in state.resistors
     ]
-    floor = _floor(state, max((value.bit_length() + unit for value, unit in values), default=0))
-    for each, (value, unit) in zip(state.resistors, values, strict=True):
-        if (digits := value.bit_length() + unit) > floor:
-            steps = round(digits / BITS) if abs(digits) > _PLAIN else 0
-            amps[each.number], exponent[each.number] = nearest(value, unit - BITS * steps), steps
+    unit = state.unit_volts - digits
+    floor = _floor(state, max((value.bit_length() + unit for value in values), default=0))
+    flows = [each.number for each in state.resistors]
+    amps[flows], exponent[flows] = _scaled(values, unit, floor - unit)
     return amps, exponent
 
 

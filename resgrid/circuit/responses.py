@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from resgrid.circuit.cancellation import with_tiny_values
 from resgrid.circuit.current_recovery import recover_currents
 from resgrid.circuit.equations import ALWAYS_RECOVERED, Equations, assemble
+from resgrid.circuit.extreme_values import is_extreme, is_small, respond_extreme
 from resgrid.circuit.postprocess import (
     DIRECTION_RESIDUAL,
     NodeValues,
@@ -33,10 +34,13 @@ from resgrid.solvers.laplacian import conductance_statistics
 from resgrid.solvers.method_choice import factor_laplacian
 from resgrid.solvers.progress import ProgressMonitor
 from resgrid.solvers.refinement import CERTAIN, corrected, is_answer, minus, quotient
-from resgrid.solvers.scaled import Numbers, Scaled, canonical, power
+from resgrid.solvers.scaled import BITS, Numbers, Scaled, canonical, power, unscaled
 from resgrid.solvers.threads import SINGLE_THREAD
 
-_PLAIN = 2
+_WIDE = 126
+"""Binary logarithm of the ratio of two injected currents above which responses are computed in decimal arithmetic."""
+
+_PLAIN = 1
 """Largest difference of the exponents of ``2**256`` of injected currents for a recovery of the response in doubles.
 
 The recovery computes voltages and currents again without cancellation.
@@ -67,7 +71,8 @@ class SourceFreeCircuit:
 
     `netlist`: the circuit, with linear resistors and voltage sources of 0 V; `forest`: spanning forest of its voltage
     sources; `pairs` (current sources, 2): nodes of the current sources of the given circuit; `system`: equations of the
-    components that may be driven, None without rows; `factors`: factors of their matrix, None without rows.
+    components that may be driven, None without rows; `factors`: factors of their matrix, None without rows, and for
+    conductances outside the usual range, which are eliminated in decimal arithmetic.
     """
 
     netlist: Netlist
@@ -96,8 +101,10 @@ class SourceFreeCircuit:
         quiet = netlist.replace(current_nodes=netlist.current_nodes[:0], current_amps=netlist.current_amps[:0])
         if held[driven].all():
             return cls(quiet, forest, pairs, None, None)
-        system = assemble(netlist)
-        return cls(quiet, forest, pairs, system, factor_laplacian(system.laplacian, method))
+        with np.errstate(all="ignore"):  # extreme values may overflow
+            system = assemble(netlist)
+        factors = None if is_extreme(netlist) else factor_laplacian(system.laplacian, method)
+        return cls(quiet, forest, pairs, system, factors)
 
     def respond(self, amps: Numbers) -> Response:
         """Return the voltages and currents that injected currents cause.
@@ -106,9 +113,11 @@ class SourceFreeCircuit:
         through ground.  Raise AccuracyError if the conductances span more orders of magnitude than the factors can
         represent, or if the responses to positive and negative currents nearly cancel.
         """
-        if self.system is None or self.factors is None:
+        if self.system is None:
             still = (np.zeros(count := len(self.netlist.conductance)), np.zeros(count, dtype=np.int64))
             return self._response(Scaled.of(np.zeros(self.netlist.node_count)), still, amps)
+        if self.factors is None or (is_small(self.netlist) and _spans_far(amps)):
+            return self._extreme(self.system, amps)
         rows, error = self._solved(self.factors, self.system, amps)
         voltage = rows_to_nodes(self.system, rows, Scaled.of(np.zeros(self.netlist.node_count)))._replace(
             noise=rows.noise
@@ -126,6 +135,21 @@ class SourceFreeCircuit:
                 f"largest voltage (at most {DIRECTION_RESIDUAL:g} is allowed); differentiate single voltages"
             )
         return response
+
+    def _extreme(self, system: Equations, amps: Numbers) -> Response:
+        """Return the response to injected currents `amps` (nodes,), computed in decimal arithmetic and integers.
+
+        `system`: equations.  Raise AccuracyError if the currents span more orders of magnitude than doubles.
+        """
+        plain, unit = _in_doubles(amps)
+        size = np.abs(plain[amps[0] != 0.0])
+        if not np.all((size >= np.finfo(np.float64).tiny) & np.isfinite(size)):
+            raise AccuracyError(
+                "the injected currents span more orders of magnitude than doubles; differentiate fewer places"
+            )
+        found = respond_extreme(_driven_by(system, plain), self.pairs.tolist())
+        volts, fall, resistor, source = ((mantissa, exponent + unit) for mantissa, exponent in found)
+        return Response(Scaled(volts[0], np.zeros_like(volts[0]), volts[1]), fall, resistor, source)
 
     def _response(self, voltage: Scaled, resistor: Numbers, amps: Numbers) -> Response:
         """Return a response, with the remaining fields computed from node voltages and resistor currents.
@@ -145,10 +169,10 @@ class SourceFreeCircuit:
         `system`: equations; `first`: response before the recovery; `amps` (nodes,): currents injected into the nodes,
         in amperes, as mantissas and exponents of ``2**256``.
         """
-        unit = int(amps[1][amps[0] != 0.0].max()) if amps[0].any() else 0
-        if np.any(amps[1][amps[0] != 0.0] < unit - _PLAIN):
+        plain, unit = _in_doubles(amps)
+        if np.any((amps[0] != 0.0) & (np.abs(amps[1] - unit) > _PLAIN)):
             return None
-        found, _ = recover_currents(_driven_by(system, amps[0] * power(amps[1] - unit)), self.pairs.tolist())
+        found, _ = recover_currents(_driven_by(system, plain), self.pairs.tolist())
         if found is None or found.error_bound > DIRECTION_RESIDUAL:
             return None
 
@@ -247,6 +271,34 @@ class SourceFreeCircuit:
         for exponent, present in ((net, flows), (through, passes)):
             np.maximum.at(unit, base[present], exponent[present])
         return np.asarray(np.where(unit == _NO_EXPONENT, 0, unit)[base])
+
+
+def _in_doubles(amps: Numbers) -> tuple[NDArray[np.float64], int]:
+    """Return currents as doubles in units of ``2**(256 unit)`` A, and the unit, in the middle of their range.
+
+    `amps` (nodes,): mantissas and exponents of ``2**256``.  Currents far from the middle may underflow or overflow.
+    """
+    digits = _digits(amps)
+    unit = round(0.5 * int(digits.max() + digits.min()) / BITS) if digits.size else 0
+    return unscaled(amps[0], amps[1] - unit), unit
+
+
+def _digits(amps: Numbers) -> NDArray[np.int64]:
+    """Return the binary logarithms, rounded up, of the currents other than 0, in amperes.
+
+    `amps` (nodes,): mantissas and exponents of ``2**256``.
+    """
+    used = amps[0] != 0.0
+    return np.asarray(np.frexp(amps[0][used])[1] + BITS * amps[1][used])
+
+
+def _spans_far(amps: Numbers) -> bool:
+    """Return whether the ratio of two injected currents exceeds ``2**126``.
+
+    `amps` (nodes,): mantissas and exponents of ``2**256``; currents of 0 do not count.
+    """
+    digits = _digits(amps)
+    return bool(digits.size) and int(digits.max() - digits.min()) > _WIDE
 
 
 def _returning(amps: Numbers) -> Numbers:

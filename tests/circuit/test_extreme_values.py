@@ -128,3 +128,21 @@ def test_a_mesh_of_1024_nodes_with_extreme_conductances_obeys_kirchhoffs_laws() 
     apart = np.abs(falls) > 1e-9 * np.abs(op.voltage[ends]).max(axis=1)
     assert np.allclose(op.resistor_current[apart], (siemens * falls)[apart], rtol=1e-6, atol=0.0)
     assert (op.voltage[1:-1] > 0.0).all() and (op.voltage < 1.0 + 1e-15).all()
+
+
+@pytest.mark.parametrize(("siemens", "volts"), [((1e39, 1.0), 3.5), ((1e-275, 1e234), -1.0), ((1e-5, 1e4), -1.0)])
+def test_nodes_on_one_rail_have_its_log_drop_and_potential(siemens: tuple[float, float], volts: float) -> None:
+    op = rg.solve(rg.Netlist(3, [[0, 1], [2, 1]], siemens, source_nodes=[[1, 0]], source_volts=[volts]))
+    assert op.voltage.tolist() == [0.0, volts, volts]
+    assert op.log_drop is not None and op.potential is not None
+    assert op.log_drop[2] == op.log_drop[1] == (-np.inf if volts > 0 else 0.0)
+    assert op.potential[2] == op.potential[1] == (1.0 if volts > 0 else 0.0)
+    found = rg.gradient(op, of="collision_probability", at=2)
+    assert found.value == op.potential[2]
+
+
+def test_a_current_between_voltages_that_differ_only_in_their_third_double_is_exact() -> None:
+    netlist = rg.Netlist(
+        5, [[2, 4], [4, 3]], [2.0, 2.0], source_nodes=[[1, 0], [2, 1], [3, 2]], source_volts=[6e-32, 6e103, 2e-128]
+    )
+    np.testing.assert_allclose(rg.solve(netlist).resistor_current, [-2e-128, -2e-128], rtol=1e-15)
