@@ -108,7 +108,7 @@ def _names(text: str, exact: bool) -> tuple[str, ...] | None:
     The deck may define functions, so such an expression must be parsed at every evaluation.  `exact`: whether the
     names of Spectre's constants (``M_PI``, ...) keep their case; all other names are in lower case.
     """
-    tokens = _tokens(text)
+    tokens = tokens_of(text)
     if any(token.kind == "name" and after.text == "(" for token, after in pairwise(tokens)):
         return None
     return tuple(folded_name(token.text, exact) for token in tokens if token.kind == "name")
@@ -139,7 +139,7 @@ def _value_with(text: str, rules: ReadingRules, values: tuple[float, ...]) -> fl
 
 def _value(text: str, rules: ReadingRules, lookup: Lookup, call: Call) -> float:
     """Return the finite value of the expression `text`; raise ExpressionError if its syntax or its value is invalid."""
-    reader = _Reader(_tokens(text), rules, lookup, call)
+    reader = _Reader(tokens_of(text), rules, lookup, call)
     try:
         value = reader.choice()
         reader.expect_end()
@@ -151,7 +151,7 @@ def _value(text: str, rules: ReadingRules, lookup: Lookup, call: Call) -> float:
 
 
 @lru_cache(maxsize=4096)
-def _tokens(text: str) -> tuple[_Token, ...]:
+def tokens_of(text: str) -> tuple[_Token, ...]:
     """Return the tokens of the expression `text`; the last token has the kind "end"."""
     tokens: list[_Token] = []
     position = 0

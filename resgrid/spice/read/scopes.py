@@ -10,7 +10,9 @@ from resgrid.errors import BudgetError
 from resgrid.spice.dialects.record import ReadingRules, Words
 from resgrid.spice.read.cards import Card, Setting, Token, refuse_quotes
 from resgrid.spice.read.diagnostics import CardError, Diagnostics, Spot
+from resgrid.spice.read.expression_functions import shown_call
 from resgrid.spice.read.expressions import ExpressionError, Lookup, ReservedNameError, evaluate, folded_name
+from resgrid.spice.read.lost_calls import check_calls
 from resgrid.spice.read.numerals import parse_numeral
 
 MAX_CHAIN = 40
@@ -83,6 +85,10 @@ class Block:
     def block_of_function(self, name: str) -> Block:
         """Return the innermost of this block and those around it that defines the function `name`, else the deck."""
         return self if name in self.functions or self.outer is None else self.outer.block_of_function(name)
+
+    def has_function(self, name: str) -> bool:
+        """Return whether this block or one around it defines the function `name` (in lower case)."""
+        return name in self.block_of_function(name).functions
 
     def block(self, name: str) -> Block | None:
         """Return the subcircuit `name` (lower case) of this or the nearest enclosing block; None if there is none."""
@@ -293,7 +299,7 @@ class Scope:
             return home.function(name, values, lookup)
         definition = self.block.functions.get(name)
         if definition is None:
-            self._note_unsupported(_shown_call(name, values))
+            self._note_unsupported(shown_call(name, values))
             return None
         key = f"{name}()"
         if len(values) != len(definition.arguments):
@@ -335,6 +341,7 @@ class Scope:
         for operator in card.rules.words.cold & set(token.text):
             self._note_unsupported(operator)
         try:
+            check_calls(card, token, self.block.has_function, self.diagnostics)
             return evaluate(token.text, card.rules, lookup, self.function)
         except ExpressionError as error:
             raise card.error(token.offset + error.offset, str(error)) from None
@@ -388,13 +395,3 @@ class Scope:
         if value is None:
             raise card.error(token.offset, f"{token.text!r} is neither a number nor a known parameter or model")
         return value
-
-
-def _shown_call(name: str, values: list[float]) -> str:
-    """Return the name of a called function, with arguments that some dialects do not support.
-
-    Examples: "min of three arguments", "pow of a negative number", "sin".  `values`: values of the arguments.
-    """
-    if name in ("min", "max") and len(values) == 3:
-        return f"{name} of three arguments"
-    return f"{name} of a negative number" if name in ("pow", "pwr") and values and values[0] < 0 else name
