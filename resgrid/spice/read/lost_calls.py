@@ -8,7 +8,7 @@ from itertools import pairwise
 
 from resgrid.spice.read.cards import Card, Token
 from resgrid.spice.read.diagnostics import Diagnostics
-from resgrid.spice.read.expressions import tokens_of
+from resgrid.spice.read.expression_tokens import tokens_of
 
 
 def check_calls(card: Card, token: Token, is_defined: Callable[[str], bool], diagnostics: Diagnostics) -> None:

@@ -11,9 +11,11 @@ from resgrid.spice.dialects.record import ReadingRules, Words
 from resgrid.spice.read.cards import Card, Setting, Token, refuse_quotes
 from resgrid.spice.read.diagnostics import CardError, Diagnostics, Spot
 from resgrid.spice.read.expression_functions import shown_call
-from resgrid.spice.read.expressions import ExpressionError, Lookup, ReservedNameError, evaluate, folded_name
+from resgrid.spice.read.expression_tokens import ExpressionError
+from resgrid.spice.read.expressions import Lookup, ReservedNameError, evaluate, folded_name
 from resgrid.spice.read.lost_calls import check_calls
 from resgrid.spice.read.numerals import parse_numeral
+from resgrid.spice.read.unknown_values import in_braces, unknown_value
 
 MAX_CHAIN = 40
 """Maximum length of a chain of parameters in which each refers to one that a later line defines (else CardError)."""
@@ -366,7 +368,8 @@ class Scope:
         if token.kind == "expression" or (token.kind == "string" and (computed or not card.rules.words.drops_quotes)):
             return self._evaluated(card, token, lookup)
         if token.kind == "mark":
-            raise card.error(token.offset, f"unexpected {token.text!r}; expected a value")
+            remedy = f", or an expression in {in_braces('...', card.rules)}" if token.text == "(" else ""
+            raise card.error(token.offset, f"unexpected {token.text!r}; expected a value{remedy}")
         numeral = parse_numeral(token.text, card.rules, computed=computed)
         if numeral is None:
             refuse_quotes(card, token)
@@ -393,5 +396,5 @@ class Scope:
             )
             raise card.error(token.offset, text)
         if value is None:
-            raise card.error(token.offset, f"{token.text!r} is neither a number nor a known parameter or model")
+            raise card.error(token.offset, unknown_value(token.text, card.rules))
         return value

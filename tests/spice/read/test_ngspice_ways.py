@@ -1,6 +1,6 @@
 """Peculiarities of ngspice: decks have the voltages of an ngspice run, or are rejected with name and place.
 
-Tests internals: `resgrid.spice.dialects`, `resgrid.spice.read.expressions`.
+Tests internals: `resgrid.spice.dialects`, `resgrid.spice.read.expression_tokens`, `resgrid.spice.read.expressions`.
 """
 
 from __future__ import annotations
@@ -14,7 +14,8 @@ from support.simulators import run, waves
 
 import resgrid as rg
 from resgrid.spice.dialects import DIALECTS
-from resgrid.spice.read.expressions import ExpressionError, evaluate
+from resgrid.spice.read.expression_tokens import ExpressionError
+from resgrid.spice.read.expressions import evaluate
 
 HEAD = ("title", "V1 in 0 10", "R0 in a 1k")
 SUBCIRCUIT = ".subckt s p q {}\nR9 p q {{r}}\n.ends"
