@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from resgrid.core.regions import label_components
 from resgrid.errors import InputError
+from resgrid.spice.networks.ascii_grids import NODATA
 from resgrid.spice.networks.configurations import Configuration, read_configuration
 from resgrid.spice.networks.edges import Network, read_edges
 from resgrid.spice.networks.raster_networks import (
@@ -139,7 +140,8 @@ def _read_rasters(job: Configuration) -> tuple[Network, NDArray[np.int64]]:
     if np.any(ground < 0):
         row, column = np.argwhere(ground < 0)[0].tolist()
         place = f"{job.file('ground_file')}: the ground in row {row}, column {column} (from 0)"
-        raise InputError(f"{place} has a negative value of {ground[row, column]:g}")
+        value = f"{ground[row, column]:g}; write a positive value, or {NODATA:g} for a cell without a ground"
+        raise InputError(f"{place} has a negative value of {value}")
     cells = _values_of_cells(
         job,
         siemens_of(read_cells(job.file("source_file"), habitat), "conductance"),
