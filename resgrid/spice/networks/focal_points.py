@@ -85,8 +85,8 @@ def read_points(path: Path, habitat: Raster) -> FocalPoints:
     """Return the focal points of a raster, or of a text file with lines ``number x y`` (map coordinates of `habitat`).
 
     An empty cell, and a cell or line with the number 0 or less, is no focal point; lines with such a number cause a
-    warning.  (In a raster Circuitscape takes 0 for an empty cell.  In a list it reads a point 0, but mistakes its region
-    for empty cells and its name for the corner of the table of resistances.)  Cells or lines of one number form a region.
+    warning.  (In a raster Circuitscape takes 0 for an empty cell.  In a list it reads a point 0, but uses 0 for cells
+    outside all regions and for the corner of the table of resistances.)  Cells or lines of one number form a region.
     `path`: the file; `habitat`: raster of the job.  Raises InputError for a place outside the habitat, and for fewer
     than two points.
     """

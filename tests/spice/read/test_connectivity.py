@@ -405,7 +405,7 @@ def test_geotiff_rasters_give_geotiff_maps() -> None:
         ),
         (
             {"habitat_file": "below.asc"},
-            "row 1, column 1 .* has a resistance of -5; write a positive resistance, or -9999",
+            "row 1, column 1 .* of -5; write a positive resistance, or -9999",
         ),
         (
             {"habitat_file": "below.asc", "habitat_map_is_resistances": False},
