@@ -166,12 +166,14 @@ def _check_deck(source: CommandInput, limits: dict[str, Any]) -> Agreement:
     path = Path(source.file)
     if path.suffix == ".json" and path.with_suffix("").is_file():
         raise InputError(f"{path} is the sidecar of a deck; check the deck: resgrid check {path.with_suffix('')}")
-    if is_network(source.file):
+    if is_network(source.file, source.dialect):
         raise InputError(
             f"{path}: simulators cannot read this format; convert it to a deck (resgrid convert {path} -o FILE.cir) "
             "and check the deck"
         )
     if sidecar_path(path).exists():
+        why = f"{path} has a sidecar, {sidecar_path(path)}, which states how to read the deck"
+        refuse_unused(why, given_options("read_as", "root"))
         try:
             written = open_deck(source)
         except ResgridError:  # the deck was changed; the comparison reports where
@@ -183,7 +185,7 @@ def _check_deck(source: CommandInput, limits: dict[str, Any]) -> Agreement:
     deck = open_deck(source, names=False)
     violations = [violation for violation in rg.check_erc(deck) if violation.rule != "reading"]
     _say_violations(violations, "warning")
-    op = solve_deck(deck)  # the message of a failure lists the errors
+    op = solve_deck(deck, threads=source.threads)  # the message of a failure lists the errors
     _say_violations(violations, "error")
     _report_cost(deck, limits)
     with stage("simulate"):

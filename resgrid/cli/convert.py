@@ -89,7 +89,7 @@ def _circuit(
     deck = open_deck(source)
     if not solve:
         return deck.netlist(), deck.title, None, {}
-    op = solve_deck(deck)
+    op = solve_deck(deck, threads=source.threads)
     return op.netlist, deck.title, op, {}
 
 

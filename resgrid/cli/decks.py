@@ -28,23 +28,35 @@ def is_deck(source: CommandInput) -> bool:
     """Return whether an input is a circuit instead of a scene.
 
     A file is a circuit if its suffix is that of a deck, if it is a network (edge list, graph or Circuitscape
-    configuration), or if the file has a sidecar (``FILE.json``).  Standard input is a circuit if the option
-    ``--read-as`` is given.
+    configuration), or if the file has a sidecar (``FILE.json``).  With the option ``--read-as``, standard input and
+    every file except scenes (``.toml``, shipped scenes and links) are circuits.
     """
+    from resgrid.scene.shipped import shipped_scene
     from resgrid.spice.read.deck import is_network
 
     if source.file == "-":
         return source.dialect != "auto"
     path = Path(source.file)
-    if path.suffix.lower() in DECK_SUFFIXES or is_network(source.file):
+    if path.suffix.lower() in DECK_SUFFIXES or is_network(source.file, source.dialect):
         return True
+    if source.dialect != "auto":
+        return path.suffix.lower() != ".toml" and "://" not in source.file and shipped_scene(source.file) is None
     return path.name != "" and path.with_name(path.name + ".json").is_file()
 
 
-def refuse_scene_options(source: CommandInput) -> None:
-    """Raise InputError if options of scenes or maps are given together with a deck."""
+def refuse_scene_options(source: CommandInput, kind: str = "deck") -> None:
+    """Raise InputError if options of scenes or maps are given together with an input of another kind.
+
+    `kind`: the kind of the input in the message.
+    """
     if source.changes or source.map_options:
-        raise InputError(f"{source.file} is a deck: options for keys of scenes and maps have no effect; remove them")
+        raise InputError(f"{source.file} is a {kind}: options for keys of scenes and maps have no effect; remove them")
+
+
+def refuse_deck_options(source: CommandInput, kind: str) -> None:
+    """Raise InputError if ``--read-as`` or ``--root`` is given with an input that is not a deck; `kind`: its kind."""
+    if source.dialect != "auto" or source.root is not None:
+        raise InputError(f"{source.file} is {kind}, not a deck: --read-as and --root are for decks; remove them")
 
 
 def open_deck(source: CommandInput, *, names: bool = True) -> Circuit:
@@ -55,6 +67,8 @@ def open_deck(source: CommandInput, *, names: bool = True) -> Circuit:
     """
     refuse_scene_options(source)
     path = Path(source.file)
+    if path.is_file():
+        _refuse_schematic(path)
     size = path.stat().st_size if path.is_file() else 0
     with stage("read the deck", seconds=0.5 + _READ_SECONDS * size):
         circuit = standard_input() if source.file == "-" else path
@@ -65,6 +79,14 @@ def open_deck(source: CommandInput, *, names: bool = True) -> Circuit:
         deck = replace(deck, notes=(*deck.notes, *repeated_names(deck)))
     _say_notes(deck)
     return deck
+
+
+def _refuse_schematic(path: Path) -> None:
+    """Raise InputError, with a remedy, for a schematic of LTspice that ``--read-as`` declares to be a deck."""
+    from resgrid.scene.maps.formats import format_of, is_schematic
+
+    if is_schematic(path):
+        format_of(path, {})
 
 
 def _say_notes(deck: Circuit) -> None:
@@ -79,17 +101,18 @@ def _say_notes(deck: Circuit) -> None:
             detail(str(note))
 
 
-def solve_deck(deck: Circuit, method: str = "auto") -> rg.OperatingPoint:
+def solve_deck(deck: Circuit, method: str = "auto", threads: int = 1) -> rg.OperatingPoint:
     """Return the operating point of a deck.
 
-    `method`: solution method, "auto", "direct" or "multigrid".  Raises CircuitError, whose message lists the lines of
-    electrical errors, if the circuit has no solution.
+    `method`: solution method, "auto", "direct" or "multigrid"; `threads`: largest number of threads.  Raises
+    CircuitError, whose message lists the lines of electrical errors, if the circuit has no solution.
     """
     try:
         with stage("assemble the equations"):
             netlist = deck.netlist()
         seconds = 0.5 + _SOLVE_SECONDS * len(netlist.conductance)
-        op: rg.OperatingPoint = compute("solve the deck", partial(rg.solve, method=method), netlist, seconds=seconds)
+        work = partial(rg.solve, method=method, threads=threads)
+        op: rg.OperatingPoint = compute("solve the deck", work, netlist, seconds=seconds)
         return op
     except CircuitError as error:
         errors = [finding for finding in rg.check_erc(deck) if finding.severity == "error"]

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import resgrid as rg
+from resgrid.cli.decks import refuse_deck_options, refuse_scene_options
 from resgrid.cli.terminal import NEGATIVE, NOT_VERIFIED, counted, finish, stage
-from resgrid.errors import InputError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -35,10 +35,8 @@ def check_hardware(source: CommandInput, tolerance: float, timeout: float) -> in
     `tolerance`: largest accepted error of a voltage, relative to the supply; `timeout`: limit of each run of an outside
     program, in seconds.
     """
-    if source.changes or source.map_options:
-        raise InputError(
-            f"{source.file} is a board or layout: options for keys of scenes and maps have no effect; remove them"
-        )
+    refuse_scene_options(source, "board or layout")
+    refuse_deck_options(source, "a board or layout")
     path = Path(source.file)
     is_layout = path.suffix.lower() in _LAYOUTS
     with stage("extract and compare the circuit"):

@@ -147,7 +147,8 @@ _SCENE_OPTIONS: tuple[Decorator, ...] = (
 )  # fmt: skip
 _DECK_OPTIONS: tuple[Decorator, ...] = (
     _deck("--read-as", type=Suggested("dialect", "auto", *DIALECTS), default="auto",
-          help="Dialect of the deck, if its text does not show it; required for a deck from standard input (-)."),
+          help="Dialect of the deck, if its text does not show it; required for a deck from standard input (-), or "
+          "from a file with another suffix than those of decks."),
     _deck("--root", metavar="FOLDER", type=click.Path(),
           help="Folder that may contain included files.  [default: the deck's folder]"),
 )  # fmt: skip
@@ -214,6 +215,9 @@ def with_source(metavar: str = "SCENE", *, required: bool = True) -> Decorator:
                     _require_different_file(option.opts[0], values[name], file)
             if given[KEYS]["cells"] and not any(given[KEYS][key] for key in ("goal", "start")):
                 _require_places(values)
+            if file is None:
+                names = [name for group in (KEYS, MAP, DECK) for name in given[group]]
+                refuse_unused("no input is given, so options of inputs have no effect", given_options(*names))
             return function(source=None if file is None else _source(file, *given.values()), **values)
 
         return click.argument("file", metavar=metavar, type=SOURCE, required=required)(_decorated(bundled, options))
@@ -291,6 +295,12 @@ def dialect_option(default: str | None = "ngspice") -> Decorator:
     )  # fmt: skip
 
 
+def accepts_decks() -> bool:
+    """Return whether the running subcommand accepts decks: whether it has the option ``--read-as``."""
+    context = click.get_current_context(silent=True)
+    return context is not None and "read_as" in {parameter.name for parameter in context.command.params}
+
+
 def given_options(*names: str) -> list[str]:
     """Return those names of options, among `names`, that the user has given on the command line.
 
@@ -301,9 +311,13 @@ def given_options(*names: str) -> list[str]:
 
 
 def refuse_unused(why: str, names: Sequence[str]) -> None:
-    """Raise InputError that names options without effect, if there are any; `why`: reason, as a clause."""
+    """Raise InputError that names options without effect, if there are any.
+
+    `why`: reason, as a clause; `names`: names of parameters of the running subcommand, such as ``fixed_joints``.
+    """
     if names:
-        options = ", ".join(f"--{name.replace('_', '-')}" for name in names)
+        spelled = {option.name: max(option.opts, key=len) for option in click.get_current_context().command.params}
+        options = ", ".join(spelled[name] for name in names)
         raise InputError(f"{why}: leave out {options}")
 
 

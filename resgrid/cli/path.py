@@ -110,10 +110,11 @@ def command(
         raise InputError("--limit needs queries: add --queries, or leave it out")
     if via or approximate or escape:
         has_times = bool(speed or acceleration) or rate is not None
-        if has_times or shorten or fixed_joints or queries is not None or method != "auto":
+        is_petsc = method != "auto" or ranks is not None or launcher is not None
+        if has_times or shorten or fixed_joints or queries is not None or is_petsc:
             raise InputError(
                 "--via, --approximate and --escape give paths of several legs: leave out --shorten, --speed, "
-                "--acceleration, --rate, --fixed-joints, --queries and --method"
+                "--acceleration, --rate, --fixed-joints, --queries, --method, --ranks and --launcher"
             )
         in_cells = bool(click.get_current_context().params["cells"])
         return answer_legs(source, output, via, in_cells=in_cells, approximate=approximate, escape=escape)

@@ -10,7 +10,7 @@ import click
 
 import resgrid as rg
 from resgrid._internal.files import decode
-from resgrid.cli.options import CommandInput
+from resgrid.cli.options import CommandInput, accepts_decks
 from resgrid.cli.streams import standard_input
 from resgrid.errors import InputError
 
@@ -66,6 +66,5 @@ def _piped_document(data: bytes) -> Document:
     try:
         return parse_document(decode(data, Path("standard input")), "standard input")
     except InputError as error:
-        context = click.get_current_context(silent=True)
-        takes_decks = context is not None and "read_as" in context.params
-        raise InputError(f"{error}; if it is a deck, add --read-as ngspice" if takes_decks else str(error)) from None
+        hint = "; if it is a deck, add --read-as ngspice" if accepts_decks() else ""
+        raise InputError(f"{error}{hint}") from None

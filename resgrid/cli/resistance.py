@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Iterable, Sequence
 from functools import partial
 from pathlib import Path
@@ -11,10 +12,18 @@ from typing import Any
 import click
 
 import resgrid as rg
-from resgrid.cli.decks import is_deck, open_deck
-from resgrid.cli.options import CommandInput, cell_indices, output_option, subcommand, with_source
+from resgrid.cli.decks import is_deck, open_deck, refuse_scene_options
+from resgrid.cli.options import (
+    CommandInput,
+    cell_indices,
+    given_options,
+    output_option,
+    refuse_unused,
+    subcommand,
+    with_source,
+)
 from resgrid.cli.scenes import open_job, report_ignored
-from resgrid.cli.terminal import compute, finish, stage
+from resgrid.cli.terminal import compute, finish, say, stage
 from resgrid.errors import InputError
 
 _MOST_LINES = 40
@@ -55,16 +64,20 @@ def command(
     from resgrid._internal.files import target_of
     from resgrid.io.resistances import check_resistance_file, resistance_record, terminal_names
 
+    if given_options("threads"):
+        say("ignored: --threads: resistances are computed by one thread")
     if is_circuitscape_job(source.file):
-        return _run_job(source, output, between)
+        _check_job_options(source, output, between)
+        return _run_job(source, output)
     if output not in (None, "-"):
         target_of(Path(output))
     if not between:
-        raise InputError("no pair is given: add --between A B, such as --between 1,2 5,3, or --between in out")
+        raise InputError(f"no pair is given: {_example(source)}")
     if output is not None:
         check_resistance_file(output)
     ignored: dict[str, Any] = {}
     if is_deck(source):
+        refuse_unused(f"{source.file} is a circuit without cells", given_options("cells"))
         netlist = open_deck(source).netlist()
         pairs: list[Any] = [tuple(_names(word) for word in pair) for pair in between]
     else:
@@ -87,6 +100,20 @@ def command(
         data["file"] = output
     finish(data, _lines(data), written=output, more=True)
     return 0 if all(pair["connected"] for pair in data["pairs"]) else 1
+
+
+def _example(source: CommandInput) -> str:
+    """Return the remedy for a missing ``--between``, with terminals of the input, and the command that lists all names.
+
+    `source`: scene, deck or network.
+    """
+    if not is_deck(source):
+        return "add --between A B with two places, such as --between 1,2 5,3"
+    names = [name for name in open_deck(source).node_names if " " not in name][:2]
+    example = f", such as --between {' '.join(map(shlex.quote, names))}" if len(names) > 1 else ""
+    dialect = f" --read-as {source.dialect}" if source.dialect != "auto" else ""
+    listing = f"'resgrid solve {source.file}{dialect} -o nodes.csv' lists all names"
+    return f"add --between A B with names of nodes{example}; {listing}"
 
 
 def _names(word: str) -> list[str]:
@@ -152,19 +179,31 @@ def is_circuitscape_job(file: str) -> bool:
     return Path(file).suffix.lower() == ".ini" and read_configuration(file).scenario != "advanced"
 
 
-def _run_job(source: CommandInput, output: str | None, between: tuple[tuple[str, str], ...]) -> int:
-    """Run a Circuitscape job, write its files, print its resistances, and return the exit code.
+def _check_job_options(source: CommandInput, output: str | None, between: tuple[tuple[str, str], ...]) -> None:
+    """Raise InputError for options without effect on a Circuitscape job, and for standard output as its folder.
 
-    `source`: the configuration; `output`: folder of the files, None for that of the configuration's ``output_file``;
-    `between`: pairs of --between, which must be empty.
+    `source`: the configuration; `output`: value of the option -o; `between`: pairs of --between.
     """
     from resgrid.spice.networks.configurations import is_connectivity_job
-    from resgrid.spice.networks.measurements import UNCONNECTED
 
     if between and is_connectivity_job(source.file):
         raise InputError(f"{source.file}: the focal points of this job define its pairs; leave --between out")
+    refuse_scene_options(source, "Circuitscape job")
+    if source.dialect != "auto":
+        raise InputError(f"{source.file} is a Circuitscape job, not a deck: --read-as is for decks; remove it")
+    why = f"the keys of the Circuitscape job {source.file} define its pairs and circuits"
+    refuse_unused(why, given_options("every_pair", "cells", "method"))
     if output == "-":
         raise InputError("-o -: the results of a Circuitscape job are several files; name a folder")
+
+
+def _run_job(source: CommandInput, output: str | None) -> int:
+    """Run a Circuitscape job, write its files, print its resistances, and return the exit code.
+
+    `source`: the configuration; `output`: folder of the files, None for that of the configuration's ``output_file``.
+    """
+    from resgrid.spice.networks.measurements import UNCONNECTED
+
     work = partial(rg.spice.run_circuitscape, output=output, root=source.root)
     job: rg.spice.ConnectivityResult = compute("run the Circuitscape job", work, source.file, iterates=False)
     connected = job.resistance != UNCONNECTED

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import resgrid as rg
-from resgrid.cli.options import CommandInput
+from resgrid.cli.options import CommandInput, accepts_decks
 from resgrid.cli.piped_scenes import piped_scene, refuse_map_options
 from resgrid.cli.terminal import compute, say, stage
 from resgrid.cli.workers import workers_for
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from resgrid.chip.build import Form
     from resgrid.planning.petsc_fields import Ranked
     from resgrid.planning.pipeline import Problem, Solution, SolveOptions
+    from resgrid.scene.reading import Document
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,10 +149,11 @@ def _report_large_angles(scene: rg.Scene) -> None:
 def load_scene(source: CommandInput) -> rg.Scene:
     """Return the scene of an input, with the changes that its options describe; raise InputError for a deck."""
     from resgrid.scene.overrides import build_changed
-    from resgrid.scene.reading import is_link, link_document, read_document
+    from resgrid.scene.reading import is_link, link_document
 
     if source.dialect != "auto" or source.root is not None:
-        raise InputError(f"{source.file} is not a deck: --read-as and --root are for decks; remove them")
+        hint = ", or add --read-as if the file is a deck" if source.dialect == "auto" else ""
+        raise InputError(f"{source.file} is not a deck: --read-as and --root are for decks; remove them{hint}")
     if source.file == "-":
         return piped_scene(source)
     if is_link(source.file):
@@ -160,8 +162,25 @@ def load_scene(source: CommandInput) -> rg.Scene:
     elif Path(source.file).suffix.lower() in DECK_SUFFIXES:
         raise InputError(f"{source.file} is a deck, but a scene or a map is needed; use 'resgrid check' for decks")
     else:
-        document = read_document(_named_file(source.file), source.map_options)
+        document = _read_file(source)
     return build_changed(document, source.changes)
+
+
+def _read_file(source: CommandInput) -> Document:
+    """Return the unvalidated document of a scene file or map; raise InputError, with all possible kinds, for others."""
+    from resgrid.scene.maps.formats import MAP_SUFFIXES, UnknownFormatError
+    from resgrid.scene.reading import read_document
+
+    try:
+        return read_document(_named_file(source.file), source.map_options)
+    except UnknownFormatError:
+        if not accepts_decks():
+            raise
+    decks, maps = ", ".join(DECK_SUFFIXES), ", ".join(MAP_SUFFIXES)
+    raise InputError(
+        f"{source.file}: this is not a scene, deck or map of a known format; scenes end in .toml, decks in {decks}, "
+        f"maps in {maps}; rename the file, or give the dialect of a deck (--read-as) or the format of a map (--format)"
+    )
 
 
 def _named_file(name: str) -> str | Path:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Any
 
 import click
@@ -56,9 +57,11 @@ def command(
         raise InputError(f"{source.file} is a deck: --method petsc, --ranks and --launcher are for scenes; remove them")
     if output is not None:
         check_solution_file(output, of_space=not given)
+    if raw is not None and (output is None or Path(output).suffix.lower() != ".raw"):
+        raise InputError(f"--raw {raw}: the encoding applies to a .raw file; add -o FILE.raw, or leave --raw out")
     if given:
         deck = open_deck(source)
-        answer = op = solve_deck(deck, method)
+        answer = op = solve_deck(deck, method, source.threads)
         about, title = deck_data(deck), deck.title or deck.path
         data = {**about, **solution_record(op, 10 if worst is None else worst)}
         lines = _deck_lines(data)

@@ -80,6 +80,71 @@ def test_solve_lists_the_worst_drops(answer, call, deck):
     assert "worst drops" in printed and "X1.mid" in printed
 
 
+DIVIDER = "filter number 5\nv1 a 0 1\nr1 a b 1k\nr2 b 0 1k\n.op\n.end\n"
+
+
+@pytest.mark.parametrize("name", ["x.spi", "x.inp", "x.txt", "x", "x.map"])
+def test_read_as_declares_a_file_of_any_suffix_to_be_a_deck(answer, call, tmp_path, name):
+    path = tmp_path / name
+    path.write_text(DIVIDER)
+    assert answer("solve", path, "--read-as", "ngspice")["nodes"] == 3
+    assert answer("info", path, "--read-as", "xyce")["dialect"] == "xyce"
+    assert answer("check", path, "--rules", "--read-as", "ngspice")["passes"]
+    assert answer("check", path, "--read-as", "ngspice")["agrees"]
+    assert call("convert", path, "--read-as", "ngspice", "-o", tmp_path / "out.cir").exit_code == 0
+    pairs = answer("resistance", path, "--read-as", "ngspice", "--between", "b", "0")["pairs"]
+    assert pairs[0]["resistance"] == pytest.approx(500)
+    assert rg.read_spice(path, dialect="ngspice").node_count == 3
+
+
+@pytest.mark.parametrize("name", ["x.spi", "x.inp", "x.txt", "x"])
+def test_files_of_unknown_kind_are_answered_with_the_suffixes_of_decks(call, tmp_path, name):
+    path = tmp_path / name
+    path.write_text(DIVIDER.replace("filter number 5", "t"))
+    for words in (("solve",), ("info",), ("check",), ("resistance", "--between", "a", "b"), ("convert", "-o", "-")):
+        error = call(words[0], path, *words[1:]).stderr
+        assert "decks in .cir, .sp, .spice," in error and "maps in .yaml" in error and "(--read-as)" in error
+    error = call("path", path).stderr
+    assert "maps in .yaml" in error and "--read-as" not in error
+    assert "or add --read-as if the file is a deck" in call("solve", path, "--root", tmp_path).stderr
+
+
+def test_networks_keep_their_meaning_and_have_no_dialect(answer, call, tmp_path):
+    for name in ("e.txt", "e.csv", "e.tsv"):
+        (tmp_path / name).write_text("a b 1\nb ground 2\n")
+        assert answer("solve", tmp_path / name)["resistors"] == 2
+    for name in ("e.csv", "e.tsv"):
+        assert "has no dialect: remove --read-as" in call("solve", tmp_path / name, "--read-as", "ngspice").stderr
+        assert "includes no files: remove --root" in call("solve", tmp_path / name, "--root", tmp_path).stderr
+    (tmp_path / "d.txt").write_text(DIVIDER)  # its title has the form of an edge
+    assert "if the file is a deck, give its dialect (--read-as" in call("solve", tmp_path / "d.txt").stderr
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("x.asc", b"Version 4\nSHEET 1 880 680\n", "a schematic of LTspice, not a netlist; export its netlist"),
+        ("x.asc", "Version 4\nSHEET 1 880 680\n".encode("utf-16"), "a schematic of LTspice, not a netlist"),
+        ("x.asc", b"ncols 1\nnrows 1\ncellsize 1\n1\n", "an ESRI ASCII grid, not a map; name it in a Circuitscape"),
+    ],
+)
+def test_schematics_and_rasters_are_named_with_a_remedy(call, tmp_path, name, content, words):
+    path = tmp_path / name
+    path.write_bytes(content)
+    for subcommand in ("solve", "path", "info"):
+        result = call(subcommand, path)
+        assert result.exit_code == 2 and words in result.stderr
+    if "schematic" in words:
+        assert words in call("solve", path, "--read-as", "ltspice").stderr
+
+
+def test_circuitscape_configurations_are_named_with_their_commands(call, tmp_path):
+    path = tmp_path / "job.ini"
+    path.write_text("scenario = pairwise\n")
+    assert "a Circuitscape configuration, not a scene or map; 'resgrid resistance' runs it" in call("path", path).stderr
+    assert "run it with 'resgrid resistance'" in call("solve", path).stderr
+
+
 @pytest.mark.parametrize("suffix", [".csv", ".json", ".npz", ".raw"])
 def test_solutions_keep_names_voltages_currents_and_powers(call, deck, tmp_path, suffix):
     file = tmp_path / f"out{suffix}"

@@ -285,6 +285,27 @@ def test_options_without_effect_are_rejected(call, room, tmp_path, monkeypatch, 
     assert [file.name for file in tmp_path.iterdir()] == ["room.toml"]
 
 
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["info", "--schema", "--set", "k=0.5", "--map-dialect", "nav2"], ["no input", "--set, --map-dialect"]),
+        (["info", "--versions", "--read-as", "xyce"], ["no input", "--read-as"]),
+        (["live", "--goal", "1,1", "--no-browser"], ["no input", "--goal"]),
+        (["path", "ROOM", "--via", "1,1", "--ranks", "3"], ["several legs", "--ranks"]),
+        (["solve", "DECK", "--raw", "ascii"], ["--raw ascii", "add -o FILE.raw"]),
+        (["solve", "DECK", "--raw", "ascii", "-o", "x.csv"], ["--raw ascii", ".raw"]),
+        (["check", "DECK", "--read-as", "xyce"], ["sidecar", "leave out --read-as"]),
+        (["check", "x.gds", "--read-as", "xyce"], ["a board or layout, not a deck", "--read-as"]),
+        (["check", "x.kicad_pcb", "--root", "."], ["a board or layout, not a deck", "--root"]),
+    ],
+)
+def test_options_of_other_inputs_are_rejected(call, room, tmp_path, monkeypatch, words, expected):
+    monkeypatch.chdir(tmp_path)
+    assert call("compile", room, "-o", "deck.cir").exit_code == 0
+    names = {"ROOM": room, "DECK": "deck.cir"}
+    assert_error(call(*(names.get(word, word) for word in words)), 2, expected)
+
+
 def test_map_options_are_rejected_for_scenes_without_a_map(call, room):
     assert_error(call("path", room, "--threshold", "4"), 2, ["no map", "threshold"])
     result = call("path", "-", "--threshold", "4", piped=room.read_text())

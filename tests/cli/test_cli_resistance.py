@@ -14,6 +14,9 @@ import resgrid as rg
 DECK = "a ladder\nv1 vdd 0 1.8\nr1 vdd a 10\nr2 a b 10\nrload b 0 1k\nr9 c d 5\n.op\n.end\n"
 
 
+HEAD = "ncols 3\nnrows 1\nxllcorner 0\nyllcorner 0\ncellsize 1\n"
+
+
 @pytest.fixture(autouse=True)
 def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder with a deck, an edge list, a scene and a Circuitscape job."""
@@ -84,6 +87,44 @@ def test_a_circuitscape_job() -> None:
     ]  # fmt: skip
     text = call("resistance", "job.ini").stdout
     assert "1 - 2  3 ohm" in text and Path("job_resistances.out").is_file()
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--goal", "1,1"], "is a Circuitscape job: options for keys of scenes and maps have no effect; remove them"),
+        (["--set", "nonsense.key=3"], "options for keys of scenes and maps have no effect"),
+        (["--boundary", "neumann", "--robot-radius", "3", "--coarsen", "4"], "options for keys of scenes and maps"),
+        (["--format", "ros"], "options for keys of scenes and maps have no effect"),
+        (["--read-as", "xyce"], "not a deck: --read-as is for decks; remove it"),
+        (["--all"], "define its pairs and circuits: leave out --all"),
+        (["--method", "direct"], "define its pairs and circuits: leave out --method"),
+    ],
+)
+def test_options_without_effect_on_a_circuitscape_job_are_rejected(words: list[str], message: str) -> None:
+    result = call("resistance", "job.ini", "-o", "there", *words)
+    assert result.exit_code == 2 and message in result.stderr
+    assert not Path("there").exists()
+
+
+def test_options_without_effect_on_resistances_are_reported() -> None:
+    result = call("resistance", "deck.sp", "--between", "a", "0", "--cells")
+    assert result.exit_code == 2 and "deck.sp is a circuit without cells: leave out --cells" in result.stderr
+    result = call("resistance", "job.ini", "-o", "there", "--threads", "2")
+    assert result.exit_code == 0 and "ignored: --threads" in result.stderr
+
+
+def test_a_missing_pair_is_answered_with_nodes_of_the_input() -> None:
+    Path("source.asc").write_text(HEAD + "1 -9999 -9999\n")
+    Path("ground.asc").write_text(HEAD + "-9999 -9999 0\n")
+    Path("advanced.ini").write_text(
+        "scenario = advanced\nhabitat_file = habitat.asc\nhabitat_map_is_resistances = True\n"
+        "source_file = source.asc\nground_file = ground.asc\n"
+    )
+    for name, pair in (("advanced.ini", "ground r0_c0"), ("deck.sp", "0 vdd")):
+        result = call("resistance", name)
+        assert result.exit_code == 2 and f"such as --between {pair}; 'resgrid solve {name} -o" in result.stderr
+        assert call("resistance", name, "--between", *pair.split()).exit_code == 0
 
 
 def test_a_circuitscape_job_writes_into_an_existing_folder() -> None:

@@ -163,6 +163,32 @@ def test_files_that_ngspice_does_not_run_are_predicted_to_fail(tmp_path: Path, c
         assert "comma" in reason  # ngspice does not terminate
 
 
+CALL = "* t\n.func f(x) {{x+1}}\n{}\nv1 a 0 1\nr1 a b {{{}}}\nr2 b 0 1\n.op\n.end\n"
+CALLS = {
+    "and": ("", "(2>1)&&f(1)", "&&"),
+    "and, with a blank": ("", "(2>1) && F(1)", "&&"),
+    "not": ("", "1+!f(1)", "!"),
+    "choice": ("", "1?f(1):2", "?"),
+    "remainder": ("", "3%f(1)", "%"),
+    "an argument": ("", "f(1&&f(1))", "&&"),
+    "a function": (".func g(x) {1&&f(x)}", "g(1)", "&&"),
+    "an unused parameter": (".param p={1&&f(1)}", "2", "&&"),
+    "a function of a subcircuit": (".subckt s p q\n.func g(x) {x}\nr1 p q {1&&g(1)}\n.ends\nx1 a b s", "2", "&&"),
+}
+
+
+@pytest.mark.parametrize("name", CALLS)
+@pytest.mark.quick_cases(4)
+def test_calls_that_ngspice_does_not_recognise_are_predicted_to_fail(tmp_path: Path, name: str) -> None:
+    more, expression, operator = CALLS[name]
+    text = CALL.format(more, expression)
+    deck = deck_of(tmp_path, text)
+    warnings = [note.text for note in deck.notes if note.severity == "warning"]
+    assert any(f"directly after '{operator}', and stops: write (" in warning for warning in warnings), warnings
+    assert verdict_of(deck).outcome == "fails" and verdict_of(deck, "ltspice").outcome == "right"
+    assert not simulate(text.encode(), direct=True).voltage
+
+
 @pytest.mark.parametrize(
     "extra", [b"* \xe4\n", b"R3 a 0 1k ; \xe4\n", b"R\xb53 a 0 1k\n", b'R3 "b" 0 1k\nR4 "b" a 1k\n']
 )

@@ -145,8 +145,23 @@ def read_map(table: Mapping[str, Any], extent: float = 0.0) -> MapCells:
 _BAG = "this is a recording, not a map; use 'resgrid stream'"
 _LAYOUT = "this is a board or a layout, not a map; use 'resgrid check'"
 _COMMANDS = "these are commands for a simulator; the deck is the file without this suffix"
+_NETWORK = "this is a network, not a map; use 'resgrid solve', 'resgrid resistance' or 'resgrid convert'"
+_CIRCUITSCAPE = (
+    "this is a Circuitscape configuration, not a scene or map; 'resgrid resistance' runs it, and 'resgrid solve', "
+    "'info', 'convert' and 'check --rules' read it if its scenario is advanced"
+)
+_SCHEMATIC = (
+    "this is a schematic of LTspice, not a netlist; export its netlist there (View > SPICE Netlist), save it as a file "
+    "that ends in .net, and give that file to 'resgrid solve'"
+)
+_ASCII_GRID = (
+    "this is an ESRI ASCII grid, not a map; name it in a Circuitscape configuration (.ini) for 'resgrid resistance', "
+    "or save its cells as an array with np.save"
+)
 _NO_MAPS = {
     ".urdf": 'this is a robot, not a scene; write a scene with [robot], type = "urdf" and file = "..."',
+    ".ini": _CIRCUITSCAPE,
+    **dict.fromkeys((".graphml", ".tsv"), _NETWORK),
     ".csv": "this is a table, not a map; save the cells as an array with np.save",
     **dict.fromkeys((".verify", ".ngspice", ".ltspice", ".xyce", ".hspice", ".spectre"), _COMMANDS),
     **dict.fromkeys((".bag", ".mcap", ".db3"), _BAG),
@@ -154,12 +169,19 @@ _NO_MAPS = {
 }
 """Suffixes of files that are not maps, with the remedy for the message."""
 
+MAP_SUFFIXES = tuple(suffix for entry in FORMATS.values() for suffix in entry.suffixes)
+"""File name suffixes of maps, in lower case."""
+
+
+class UnknownFormatError(InputError):
+    """Error for a file whose suffix and first bytes are those of no scene, map or other known file."""
+
 
 def format_of(path: Path, table: Mapping[str, Any]) -> str:
     """Return the name of the format of the map file `path`: from its ``[map]`` table, its suffix, or its first bytes.
 
     `table`: values of the table by key; a value of ``format`` other than ``auto`` has priority.  Raises InputError for
-    a file that is not a map of a known format.
+    a file that is not a map of a known format (UnknownFormatError for a file of an unknown kind).
     """
     if table.get("format", "auto") != "auto":
         return str(table["format"])
@@ -170,13 +192,29 @@ def format_of(path: Path, table: Mapping[str, Any]) -> str:
     for name, entry in FORMATS.items():
         if start.startswith(entry.magic):
             return name
-    if path.suffix.lower() in _NO_MAPS:
-        raise InputError(f"{path}: {_NO_MAPS[path.suffix.lower()]}")
-    known = ", ".join(suffix for entry in FORMATS.values() for suffix in entry.suffixes)
-    raise InputError(
-        f"{path}: this is not a map of a known format; scenes end in .toml, maps in {known}; rename the file, or give "
-        "its format (--format)"
+    other = _NO_MAPS.get(path.suffix.lower()) or _SCHEMATIC * is_schematic(path) or _ASCII_GRID * _is_grid(path)
+    if other:
+        raise InputError(f"{path}: {other}")
+    raise UnknownFormatError(
+        f"{path}: this is not a map of a known format; scenes end in .toml, maps in {', '.join(MAP_SUFFIXES)}; rename "
+        "the file, or give its format (--format)"
     )
+
+
+def is_schematic(path: Path) -> bool:
+    """Return whether a file is a schematic of LTspice: its suffix is ``.asc``, and it begins with a version."""
+    return path.suffix.lower() == ".asc" and b"version" in _first_word(path)
+
+
+def _is_grid(path: Path) -> bool:
+    """Return whether a file is an ESRI ASCII grid: its suffix is ``.asc``, and it begins with a number of cells."""
+    return path.suffix.lower() == ".asc" and _first_word(path) in (b"ncols", b"nrows")
+
+
+def _first_word(path: Path) -> bytes:
+    """Return the first word of a text file in lower case, without the zero bytes of UTF-16."""
+    words = read_bytes(path, first=64).replace(b"\0", b"").lower().split()
+    return words[0] if words else b""
 
 
 def warn_of_header(path: Path) -> None:

@@ -72,6 +72,7 @@ HSPICE = Dialect(
         lengths_twice=True,
         refused_elements={"s": "an S element, which HSPICE reads as scattering parameters"},
         holds_initial=True,
+        quoted_expressions=True,
         outer_parameters_win=True,
         inductor_keys=frozenset({"r"}),
         words=_WORDS,

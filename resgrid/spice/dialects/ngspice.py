@@ -40,6 +40,9 @@
 - The name of a parameter ends at the first character that is not a letter, digit or underscore: ``.param a.b=5``
   defines ``a`` (``getword``).  ``min(a,b,c)`` compares ``a`` and ``c``.  An unquoted value ends at a blank, unless it
   is the only one on its line and begins with a number.
+- A call of a ``.func`` is not recognised directly after ``!``, ``%``, ``&&`` or ``?``, with or without blanks, because
+  these characters may be part of a name (``VALIDCHARS`` in ``inpcom.c``): ``{1&&f(1)}`` is an error, also in a
+  parameter that is not used, and ``{!abs(0)}`` calls ngspice's ``abs`` in place of a ``.func`` of this name.
 - ``gnd`` between blanks, commas or parentheses becomes ``0`` in every line, in expressions as well
   (``inp_fix_gnd_name``).  A line with the word ``temper`` becomes a B element, even if the word is the name of a node.
   A model called ``r`` is ignored.  The node ``null`` is global: all subcircuits share it (``gettrans`` in
@@ -106,6 +109,7 @@ _REFUSALS = Refusals(
         "l": frozenset({"ac", "isnoisy", "noise", "noisy", "temp_ac"}),
         "v": frozenset({"m"}),
     },
+    before_calls=frozenset({"!", "%", "&&", "?"}),
     commands_in_comments=rb"^[ \t]*\*#",
 )
 

@@ -164,7 +164,8 @@ class ReadingRules:
     inductor and a capacitor; `off_ohms`: resistance of an open switch without ``roff``, in ohms; `holds_initial`:
     whether ``.ic`` fixes voltages at the operating point; `instances`: whether elements are instances of a master and
     names are case-sensitive, as in Spectre; `spice`: rules after ``simulator lang=spice`` in such a deck, None for
-    other dialects; `words`: reserved names and expression syntax; `refusals`: text that stops the simulator.
+    other dialects; `quoted_expressions`: whether expressions are usually written in quotes instead of braces; `words`:
+    reserved names and expression syntax; `refusals`: text that stops the simulator.
     """
 
     name: str
@@ -209,6 +210,7 @@ class ReadingRules:
     holds_initial: bool = False
     instances: bool = False
     spice: ReadingRules | None = None
+    quoted_expressions: bool = False
     words: Words = field(default_factory=Words)
     refusals: Refusals = field(default_factory=Refusals)
 

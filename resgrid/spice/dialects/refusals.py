@@ -38,6 +38,9 @@ class Refusals:
         Whether ``.lib`` without a section, a section in the deck itself, and a section without ``.endl`` end the run.
     keys : mapping of str to frozenset of str
         Keys (``key=value``) of an element that end the run, by the first letter of the element.
+    before_calls : frozenset of str
+        Operators directly after which the simulator does not recognise a call of a function that the deck defines: it
+        calls its own function of this name, or stops.
     commands_in_comments : bytes
         Regular expression of comments that the simulator executes as commands and resgrid ignores; empty for none.
     """
@@ -53,6 +56,7 @@ class Refusals:
     glued_names: bool = False
     loose_libraries: bool = False
     keys: Mapping[str, frozenset[str]] = field(default_factory=dict)
+    before_calls: frozenset[str] = frozenset()
     commands_in_comments: bytes = b""
 
 

@@ -59,7 +59,15 @@ XYCE = Dialect(
     quirks=Quirks(),
     reading=ReadingRules(
         name="xyce",
-        signs=(b"\n.preprocess", b"\n.options device ", b"\n.options linsol"),
+        signs=(
+            b"\n.preprocess",
+            b"\n.global_param",
+            b"\n.sampling",
+            b"\n.options device ",
+            b"\n.options linsol",
+            b"\n.options nonlin ",
+            b"\n.options timeint ",
+        ),
         suffixes={**SUFFIXES, "x": 6},
         grounds=frozenset({"0"}),
         no_grounds=frozenset({"gnd", "gnd!", "ground"}),

@@ -24,7 +24,8 @@ from numpy.typing import NDArray
 
 from resgrid.core.regions import label_components
 from resgrid.errors import InputError
-from resgrid.spice.networks.configurations import Configuration, read_configuration
+from resgrid.spice.networks.ascii_grids import NODATA
+from resgrid.spice.networks.configurations import CONNECTIVITY, Configuration, read_configuration
 from resgrid.spice.networks.edges import Network, read_edges
 from resgrid.spice.networks.raster_networks import (
     conductance_and_polygons,
@@ -59,7 +60,11 @@ def read_circuitscape(
     job = read_configuration(path, root)
     scenario = job.text("scenario")
     if scenario not in ("advanced", "Advanced"):
-        raise InputError(f"{job.path}: the scenario {scenario!r} is not read; only 'advanced' is one circuit")
+        hint = "; run it with 'resgrid resistance' (in Python: rg.spice.run_circuitscape)"
+        raise InputError(
+            f"{job.path}: the scenario {scenario!r} is not read; only 'advanced' is one circuit"
+            + (hint if job.scenario in CONNECTIVITY else "; correct it")
+        )
     if job.flag("use_reclass_table"):
         raise InputError(f"{job.path}: use_reclass_table is not applied; reclassify the habitat file first")
     kind = job.text("data_type")
@@ -139,7 +144,8 @@ def _read_rasters(job: Configuration) -> tuple[Network, NDArray[np.int64]]:
     if np.any(ground < 0):
         row, column = np.argwhere(ground < 0)[0].tolist()
         place = f"{job.file('ground_file')}: the ground in row {row}, column {column} (from 0)"
-        raise InputError(f"{place} has a negative value of {ground[row, column]:g}")
+        found = f"{ground[row, column]:g}; write a positive value, or {NODATA:g} for a cell without a ground"
+        raise InputError(f"{place} has a negative value of {found}")
     cells = _values_of_cells(
         job,
         siemens_of(read_cells(job.file("source_file"), habitat), "conductance"),

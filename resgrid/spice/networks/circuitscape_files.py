@@ -48,7 +48,7 @@ def output_files(
     if output is None and not place.resolve().is_relative_to(job.root):
         raise InputError(
             f"{job.path}: output_file = {job.text('output_file')!r} lies outside {str(job.root)!r}; name a folder for "
-            "the output files"
+            "the output files by -o FOLDER (in Python: output=)"
         )
     if output is None and not place.parent.is_dir():
         raise InputError(

@@ -122,7 +122,10 @@ class Configuration:
                     return path
             except (OSError, ValueError, RuntimeError):
                 continue
-        raise InputError(f"{self.path}: {key} = {name!r} is not a file below {str(self.root)!r}; correct the name")
+        raise InputError(
+            f"{self.path}: {key} = {name!r} is not a file below {str(self.root)!r}; correct the name, or name a folder "
+            "that contains the file by --root FOLDER (in Python: root=)"
+        )
 
     @property
     def scenario(self) -> str:

@@ -188,8 +188,6 @@ def _run_raster(
     """
     habitat = read_raster(job.file("habitat_file"))
     points = read_points(job.file("point_file"), habitat)
-    if len(points.ids) < 2:
-        raise InputError(f"{job.file('point_file')}: a job needs at least two focal points, got {len(points.ids)}")
     named, allowed = allowed_pairs(job, points.ids)
     land = Landscape(job, *conductance_and_polygons(job, habitat), points.only(named))
     with output_files(job, output, habitat, land.conductance > 0, land.conductance.shape) as files:

@@ -254,8 +254,10 @@ def _read_table(path: str | os.PathLike[str], columns: int, entry: str) -> EdgeT
                 continue
             nodes = "two nodes" if columns == 2 else "a node"
             article = "an" if entry[0] in "aeiou" else "a"
+            hint = "; if the file is a deck, give its dialect (--read-as, in Python dialect=)" * source.endswith(".txt")
             raise InputError(
                 f"{source}:{number}: {line.strip()[:80]!r} is not {article} {entry}; a line has {nodes} and a number"
+                f"{hint}"
             )
         values.append(float(words[-1]))
         if not np.isfinite(values[-1]):

@@ -6,6 +6,7 @@ text files that consist of numbers.
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -83,14 +84,18 @@ def whole_numbers(path: Path, values: NDArray[np.float64], kind: str = "focal po
 def read_points(path: Path, habitat: Raster) -> FocalPoints:
     """Return the focal points of a raster, or of a text file with lines ``number x y`` (map coordinates of `habitat`).
 
-    An empty cell, and a cell or line with the number 0 or less, is no focal point.  Cells or lines of one number form a
-    region.  `path`: the file; `habitat`: raster of the job.  Raises InputError for a place outside the habitat.
+    An empty cell, and a cell or line with the number 0 or less, is no focal point; lines with such a number cause a
+    warning.  (In a raster Circuitscape takes 0 for an empty cell.  In a list it reads a point 0, but uses 0 for cells
+    outside all regions and for the corner of the table of resistances.)  Cells or lines of one number form a region.
+    `path`: the file; `habitat`: raster of the job.  Raises InputError for a place outside the habitat, and for fewer
+    than two points.
     """
     rows, columns = habitat.cells.shape
-    if _is_raster(path):
+    is_raster = _is_raster(path)
+    if is_raster:
         number = np.nan_to_num(read_cells(path, habitat))
         column, row = np.nonzero(number.T > 0)
-        ids = number[row, column]
+        ids, left_out = number[row, column], np.unique(number[number <= 0])
     else:
         ids, x, y = numbers_of(path, 3).T
         row = np.ceil(rows - (y - habitat.corner[1]) / habitat.size) - 1
@@ -101,11 +106,28 @@ def read_points(path: Path, habitat: Raster) -> FocalPoints:
             raise InputError(
                 f"{path}: focal point {ids[first]:g} at ({x[first]:g}, {y[first]:g}) is not on the habitat"
             )
+        left_out = np.unique(ids[ids <= 0])
         row, column, ids = row[ids > 0], column[ids > 0], ids[ids > 0]
     numbers = whole_numbers(path, ids)
     flat = (row * columns + column).astype(np.int64)
     different = np.unique(numbers)
+    _report_left_out(path, left_out, len(different), is_raster=is_raster)
     return FocalPoints(different, tuple(flat[numbers == one] for one in different))
+
+
+def _report_left_out(path: Path, numbers: NDArray[np.float64], count: int, *, is_raster: bool) -> None:
+    """Raise InputError for fewer than two focal points, and warn of lines that are no focal points.
+
+    `path`: the file; `numbers`: different numbers of 0 or less in the file, ascending; `count`: number of focal points;
+    `is_raster`: whether the file is a raster, in which such numbers are usual for empty cells.
+    """
+    reason = ""
+    if numbers.size:
+        reason = f"the number {numbers[-1]:g} is no focal point; number the points from 1"
+    if count < 2:
+        raise InputError(f"{path}: a job needs at least two focal points, got {count}" + (reason and f": {reason}"))
+    if reason and not is_raster:
+        warnings.warn(f"{path}: {reason}", stacklevel=2)
 
 
 def _is_raster(path: Path) -> bool:

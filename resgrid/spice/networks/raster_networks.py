@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import InputError
-from resgrid.spice.networks.ascii_grids import Raster
+from resgrid.spice.networks.ascii_grids import NODATA, Raster
 from resgrid.spice.networks.configurations import Configuration
 from resgrid.spice.networks.edges import Measure
 from resgrid.spice.networks.focal_points import whole_numbers
@@ -49,9 +49,12 @@ def _habitat_conductance(job: Configuration, habitat: NDArray[np.float64]) -> ND
     if wrong.any():
         row, column = np.argwhere(wrong)[0].tolist()
         path = job.file("habitat_file")
+        value = habitat[row, column]
+        remedy = "define regions without resistance as short-circuit polygons"
+        if value < 0:
+            remedy = f"write a positive {measure}, or {NODATA:g} for an empty cell"
         raise InputError(
-            f"{path}: the cell in row {row}, column {column} (from 0) has a {measure} of {habitat[row, column]:g}; "
-            "define regions without resistance as short-circuit polygons"
+            f"{path}: the cell in row {row}, column {column} (from 0) has a {measure} of {value:g}; {remedy}"
         )
     return siemens_of(habitat, measure)
 

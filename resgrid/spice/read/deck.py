@@ -57,7 +57,8 @@ def read_spice(
     file : path-like or open file
         The circuit: a path, or a deck as a text or binary file object.
     dialect : {"auto", "ngspice", "ltspice", "xyce", "hspice", "spectre"}
-        Simulator whose rules apply to a deck.  ``"auto"`` takes the dialect of the deck's sidecar, or else the one that
+        Simulator whose rules apply to a deck; a file with another suffix than those of networks is then read as a deck,
+        also a ``.txt`` file.  ``"auto"`` takes the dialect of the deck's sidecar, or else the one that
         its suffix or its text indicates, or else ngspice.
     root : path-like, optional
         Folder that must contain all include files, with links resolved; by default the deck's own folder.  The includes
@@ -95,10 +96,11 @@ def read_spice(
     array([0., 2., 1.])
     """
     tables = measure is not None or sources is not None or grounds is not None
-    if not isinstance(file, str | os.PathLike) or not (tables or is_network(file)):
+    if not isinstance(file, str | os.PathLike) or not (tables or is_network(file, dialect)):
         return read_with(file, dialect=dialect, root=root, max_elements=max_elements)
     name = os.fspath(file)
     suffix = Path(file).suffix.lower()
+    _refuse_deck_options(name, suffix, dialect, root)
     if suffix not in (*GRAPH_SUFFIXES, ".ini"):
         return Circuit.of(read_edges(file, sources, grounds, measure, measure).netlist(), name)
     if tables:
@@ -107,10 +109,29 @@ def read_spice(
     return Circuit.of(netlist, name)
 
 
-def is_network(path: str | os.PathLike[str]) -> bool:
-    """Return whether a file is a graph, arrays, a Circuitscape configuration or an edge list, and not a deck."""
+def is_network(path: str | os.PathLike[str], dialect: str = "auto") -> bool:
+    """Return whether a file is a graph, arrays, a Circuitscape configuration or an edge list, and not a deck.
+
+    `dialect`: dialect of the file; any value other than "auto" means that a ``.txt`` file is a deck.
+    """
     suffix = Path(path).suffix.lower()
-    return is_edge_list(path) if suffix == ".txt" else suffix in (".csv", ".tsv", ".ini", *GRAPH_SUFFIXES)
+    if suffix == ".txt":
+        return dialect == "auto" and is_edge_list(path)
+    return suffix in (".csv", ".tsv", ".ini", *GRAPH_SUFFIXES)
+
+
+def _refuse_deck_options(name: str, suffix: str, dialect: str, root: str | os.PathLike[str] | None) -> None:
+    """Raise InputError for a dialect or a root of a network, where these have no effect.
+
+    `name`, `suffix`: name of the network's file and its suffix; a Circuitscape configuration (.ini) has a root.
+    """
+    if dialect != "auto":
+        raise InputError(
+            f"{name} is a network by its suffix, and has no dialect: remove --read-as (in Python: dialect=), or rename "
+            "the file if it is a deck"
+        )
+    if root is not None and suffix != ".ini":
+        raise InputError(f"{name} is a network, and includes no files: remove --root (in Python: root=)")
 
 
 def read_with(

@@ -35,3 +35,13 @@ FUNCTIONS: dict[str, tuple[int, Callable[..., float]]] = {
     "limit": (3, lambda x, low, high: min(max(x, min(low, high)), max(low, high))),
 }
 """Number of arguments and implementation of every function in expressions, by resgrid's name of the function."""
+
+
+def shown_call(name: str, values: list[float]) -> str:
+    """Return the name of a called function, with arguments that some dialects do not support.
+
+    Examples: "min of three arguments", "pow of a negative number", "sin".  `values`: values of the arguments.
+    """
+    if name in ("min", "max") and len(values) == 3:
+        return f"{name} of three arguments"
+    return f"{name} of a negative number" if name in ("pow", "pwr") and values and values[0] < 0 else name

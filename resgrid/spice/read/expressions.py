@@ -15,11 +15,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
-from typing import NamedTuple
 
 from resgrid.spice.dialects.record import ReadingRules
 from resgrid.spice.read.expression_functions import FUNCTIONS
+from resgrid.spice.read.expression_tokens import ExpressionError, ExpressionToken, tokens_of
 from resgrid.spice.read.numerals import parse_numeral
+from resgrid.spice.read.unknown_values import unknown_parameter
 
 _PARENS = "write parentheses"
 
@@ -29,11 +30,6 @@ MAX_NESTING = 60
 MAX_LENGTH = 10_000
 """Maximum length of an expression, in characters; longer ones raise ExpressionError."""
 
-_TOKEN = re.compile(
-    r"\s*(?:(?P<number>(?:\d++(?:\.\d*+)?|\.\d++)(?:[eE][+-]?\d+|[dD][+-]?\d+)?(?:[^\W\d_]\w*)?)"
-    r"|(?P<name>[A-Za-z_][\w.$#@]*)"
-    r"|(?P<operator>\*\*|==|!=|<>|<=|>=|&&|\|\||[-+*/%\\^!<>?:(),])|(?P<end>$))"
-)
 _NAME = re.compile(r"(?<![\w.])[^\W\d]\w*")
 _PRODUCT = 5
 _POWERS = frozenset({"**", "^"})
@@ -45,33 +41,8 @@ Lookup = Callable[[str], float | None]
 Call = Callable[[str, list[float], Lookup], float | None]
 
 
-class ExpressionError(ValueError):
-    """An error in an expression; `offset`: zero-based position of the error in the text, in characters."""
-
-    def __init__(self, offset: int, text: str) -> None:
-        super().__init__(text)
-        self.offset = offset
-
-
 class ReservedNameError(ValueError):
     """Error for a name that the simulator reserves and resgrid has no value for; the message gives the reason."""
-
-
-class _Token(NamedTuple):
-    """A token of an expression.
-
-    `kind`: "number", "name", "operator" or "end"; `text`: characters of the token; `offset`: position in the
-    expression.
-    """
-
-    kind: str
-    text: str
-    offset: int
-
-    @property
-    def shown(self) -> str:
-        """The text of this token as error messages display it: quoted, or ``the end``."""
-        return repr(self.text) if self.kind != "end" else "the end"
 
 
 def evaluate(text: str, rules: ReadingRules, lookup: Lookup, call: Call) -> float:
@@ -108,7 +79,7 @@ def _names(text: str, exact: bool) -> tuple[str, ...] | None:
     The deck may define functions, so such an expression must be parsed at every evaluation.  `exact`: whether the
     names of Spectre's constants (``M_PI``, ...) keep their case; all other names are in lower case.
     """
-    tokens = _tokens(text)
+    tokens = tokens_of(text)
     if any(token.kind == "name" and after.text == "(" for token, after in pairwise(tokens)):
         return None
     return tuple(folded_name(token.text, exact) for token in tokens if token.kind == "name")
@@ -139,7 +110,7 @@ def _value_with(text: str, rules: ReadingRules, values: tuple[float, ...]) -> fl
 
 def _value(text: str, rules: ReadingRules, lookup: Lookup, call: Call) -> float:
     """Return the finite value of the expression `text`; raise ExpressionError if its syntax or its value is invalid."""
-    reader = _Reader(_tokens(text), rules, lookup, call)
+    reader = _Reader(tokens_of(text), rules, lookup, call)
     try:
         value = reader.choice()
         reader.expect_end()
@@ -148,22 +119,6 @@ def _value(text: str, rules: ReadingRules, lookup: Lookup, call: Call) -> float:
     if not math.isfinite(value):
         raise ExpressionError(0, f"{text!r} has no finite value")
     return value
-
-
-@lru_cache(maxsize=4096)
-def _tokens(text: str) -> tuple[_Token, ...]:
-    """Return the tokens of the expression `text`; the last token has the kind "end"."""
-    tokens: list[_Token] = []
-    position = 0
-    while not tokens or tokens[-1].kind != "end":
-        match = _TOKEN.match(text, position)
-        if match is None:
-            position += len(text[position:]) - len(text[position:].lstrip())
-            raise ExpressionError(position, f"unexpected {text[position]!r} in an expression")
-        kind = match.lastgroup or "end"
-        tokens.append(_Token(kind, match.group(kind), match.start(kind)))
-        position = match.end()
-    return tuple(tokens)
 
 
 @dataclass
@@ -175,7 +130,7 @@ class _Reader:
     `position`: index of the next token; `depth`: present nesting depth of conditionals and parentheses.
     """
 
-    tokens: tuple[_Token, ...]
+    tokens: tuple[ExpressionToken, ...]
     rules: ReadingRules
     lookup: Lookup
     call: Call
@@ -211,7 +166,7 @@ class _Reader:
             raise ExpressionError(self._now.offset, f"unexpected {self._now.text!r}")
 
     @property
-    def _now(self) -> _Token:
+    def _now(self) -> ExpressionToken:
         """The next token to consume."""
         return self.tokens[self.position]
 
@@ -258,7 +213,7 @@ class _Reader:
         value = self._binary(_PRODUCT) if leads else self._signed()
         return -value if sign.text == "-" else value
 
-    def _refuse_misread(self, sign: _Token) -> None:
+    def _refuse_misread(self, sign: ExpressionToken) -> None:
         """Raise ExpressionError unless `sign` is a minus before a plain number and not after ``!``."""
         number, after = (self.tokens[min(self.position + i, len(self.tokens) - 1)] for i in (1, 2))
         is_plain = number.kind == "number" and after.text not in _POWERS
@@ -311,18 +266,17 @@ class _Reader:
             return value
         raise ExpressionError(token.offset, f"a number or a name was expected, found {token.shown}")
 
-    def _parameter(self, token: _Token) -> float:
+    def _parameter(self, token: ExpressionToken) -> float:
         """Return the value of the parameter that `token` names; raise ExpressionError if the parameter is undefined."""
         try:
             value = self.lookup(folded_name(token.text, self.rules.instances))
         except ReservedNameError as reserved:
             raise ExpressionError(token.offset, str(reserved)) from None
         if value is None:
-            command = "parameters" if self.rules.instances else ".param"
-            raise ExpressionError(token.offset, f"there is no parameter {token.text!r}; define it with {command}")
+            raise ExpressionError(token.offset, unknown_parameter(token.text, self.rules))
         return value
 
-    def _call_function(self, token: _Token) -> float:
+    def _call_function(self, token: ExpressionToken) -> float:
         """Return the value of the function call whose name is `token`; the deck's functions precede built-in ones."""
         try:
             values = self._arguments()
@@ -369,14 +323,14 @@ _BINARY: dict[str, tuple[int, Callable[[float, float], float | bool]]] = {
 """Precedence (1 weakest, 5 tightest) and function by operator; ``% of the quotient`` stands for ngspice's ``%``."""
 
 
-def _no_function(token: _Token, rules: ReadingRules) -> ExpressionError:
+def _no_function(token: ExpressionToken, rules: ReadingRules) -> ExpressionError:
     """Return the error for a call of an unknown or unsupported function; `token`: the name of the function."""
     statistical = "is statistical, or depends on the solution, and is not evaluated: write a number"
     why = statistical if token.text.lower() in _STATISTICS else "is unknown"
     return ExpressionError(token.offset, f"the function {token.text!r} {why} ({rules.name})")
 
 
-def _built_in(token: _Token, values: list[float], rules: ReadingRules) -> float:
+def _built_in(token: ExpressionToken, values: list[float], rules: ReadingRules) -> float:
     """Return the value of a built-in function of the dialect.
 
     `token`: name of the function; `values`: values of the arguments.

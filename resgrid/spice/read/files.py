@@ -76,20 +76,27 @@ class Library:
         in the deck's folder is an error; False if such a file does not matter.
         """
         if self.root is None:
-            raise InputError(f"{file!r} is included, but the deck has no folder: give the root to read below")
+            raise InputError(
+                f"{file!r} is included, but the deck has no folder: give the folder of included files by --root FOLDER "
+                "(in Python: root=)"
+            )
         folder = self.root if including.path is None else including.path.parent
         tried: list[Path] = []
         for base in dict.fromkeys((folder, self.root)):
             path = resolve(base / file, file)
             if not path.is_relative_to(self.root):
-                raise InputError(f"{file!r} lies outside {str(self.root)!r}: copy it, or name a wider root")
+                raise InputError(
+                    f"{file!r} lies outside {str(self.root)!r}: copy it, or name a folder that contains it by --root "
+                    "FOLDER (in Python: root=)"
+                )
             if _exists(path):
                 if starts:
                     self._refuse_two(file, path)
                 return path, os.path.normpath(Path(including.name).parent / file) if base == folder else file
             tried.append(path)
         raise InputError(
-            f"the file {file[-80:]!r} that is included does not exist (looked in {str(tried[0].parent)!r})"
+            f"the file {file[-80:]!r} that is included does not exist (looked in {str(tried[0].parent)!r}); copy "
+            "it to this folder, or correct its name"
         )
 
     def _refuse_two(self, file: str, path: Path) -> None:

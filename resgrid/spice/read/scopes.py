@@ -10,8 +10,12 @@ from resgrid.errors import BudgetError
 from resgrid.spice.dialects.record import ReadingRules, Words
 from resgrid.spice.read.cards import Card, Setting, Token, refuse_quotes
 from resgrid.spice.read.diagnostics import CardError, Diagnostics, Spot
-from resgrid.spice.read.expressions import ExpressionError, Lookup, ReservedNameError, evaluate, folded_name
+from resgrid.spice.read.expression_functions import shown_call
+from resgrid.spice.read.expression_tokens import ExpressionError
+from resgrid.spice.read.expressions import Lookup, ReservedNameError, evaluate, folded_name
+from resgrid.spice.read.lost_calls import check_calls
 from resgrid.spice.read.numerals import parse_numeral
+from resgrid.spice.read.unknown_values import in_braces, unknown_value
 
 MAX_CHAIN = 40
 """Maximum length of a chain of parameters in which each refers to one that a later line defines (else CardError)."""
@@ -83,6 +87,10 @@ class Block:
     def block_of_function(self, name: str) -> Block:
         """Return the innermost of this block and those around it that defines the function `name`, else the deck."""
         return self if name in self.functions or self.outer is None else self.outer.block_of_function(name)
+
+    def has_function(self, name: str) -> bool:
+        """Return whether this block or one around it defines the function `name` (in lower case)."""
+        return name in self.block_of_function(name).functions
 
     def block(self, name: str) -> Block | None:
         """Return the subcircuit `name` (lower case) of this or the nearest enclosing block; None if there is none."""
@@ -293,7 +301,7 @@ class Scope:
             return home.function(name, values, lookup)
         definition = self.block.functions.get(name)
         if definition is None:
-            self._note_unsupported(_shown_call(name, values))
+            self._note_unsupported(shown_call(name, values))
             return None
         key = f"{name}()"
         if len(values) != len(definition.arguments):
@@ -335,6 +343,7 @@ class Scope:
         for operator in card.rules.words.cold & set(token.text):
             self._note_unsupported(operator)
         try:
+            check_calls(card, token, self.block.has_function, self.diagnostics)
             return evaluate(token.text, card.rules, lookup, self.function)
         except ExpressionError as error:
             raise card.error(token.offset + error.offset, str(error)) from None
@@ -359,7 +368,8 @@ class Scope:
         if token.kind == "expression" or (token.kind == "string" and (computed or not card.rules.words.drops_quotes)):
             return self._evaluated(card, token, lookup)
         if token.kind == "mark":
-            raise card.error(token.offset, f"unexpected {token.text!r}; expected a value")
+            remedy = f", or an expression in {in_braces('...', card.rules)}" if token.text == "(" else ""
+            raise card.error(token.offset, f"unexpected {token.text!r}; expected a value{remedy}")
         numeral = parse_numeral(token.text, card.rules, computed=computed)
         if numeral is None:
             refuse_quotes(card, token)
@@ -386,15 +396,5 @@ class Scope:
             )
             raise card.error(token.offset, text)
         if value is None:
-            raise card.error(token.offset, f"{token.text!r} is neither a number nor a known parameter or model")
+            raise card.error(token.offset, unknown_value(token.text, card.rules))
         return value
-
-
-def _shown_call(name: str, values: list[float]) -> str:
-    """Return the name of a called function, with arguments that some dialects do not support.
-
-    Examples: "min of three arguments", "pow of a negative number", "sin".  `values`: values of the arguments.
-    """
-    if name in ("min", "max") and len(values) == 3:
-        return f"{name} of three arguments"
-    return f"{name} of a negative number" if name in ("pow", "pwr") and values and values[0] < 0 else name

@@ -243,6 +243,14 @@ def test_lists_of_points_masks_and_unconnected_points() -> None:
     assert one.resistance[0] == -1 and one.resistance[1] == pytest.approx(cut.resistance[1, 2])
 
 
+def test_lines_with_the_number_0_are_left_out_with_a_warning() -> None:
+    Path("points.txt").write_text("1 10.5 27\n0 12 27\n2 17 21\n4 19 27\n")
+    with pytest.warns(UserWarning, match=r"points.txt: the number 0 is no focal point; number the points from 1"):
+        found = job(points="points.txt")
+    assert found.points.tolist() == [1, 2, 4]
+    np.testing.assert_allclose(found.resistance, job().resistance)
+
+
 def test_files_have_the_numbers_and_columns_of_circuitscape() -> None:
     done = job(write_cur_maps=True, log_transform_maps=True, set_null_currents_to_nodata=True)
     text = Path("job_resistances.out").read_text().splitlines()
@@ -387,6 +395,24 @@ def test_geotiff_rasters_give_geotiff_maps() -> None:
         ({"point_file": "large.txt"}, r"large.txt: the number of a focal point, 1e\+300, is not a whole number"),
         ({"point_file": "beyond.txt"}, r"focal point 2 at \(1e\+300, 21\) is not on the habitat"),
         ({"point_file": "empty.txt"}, "empty.txt: a job needs at least two focal points, got 0"),
+        (
+            {"point_file": "zero.txt"},
+            "two focal points, got 1: the number 0 is no focal point; number the points from 1",
+        ),
+        (
+            {"point_file": "zero.asc"},
+            "two focal points, got 1: the number 0 is no focal point; number the points from 1",
+        ),
+        (
+            {"habitat_file": "below.asc"},
+            "row 1, column 1 .* of -5; write a positive resistance, or -9999",
+        ),
+        (
+            {"habitat_file": "below.asc", "habitat_map_is_resistances": False},
+            "has a conductance of -5; write a positive conductance, or -9999 for an empty cell",
+        ),
+        ({"habitat_file": "none.asc"}, "has a resistance of 0; define regions without resistance as .* polygons"),
+        ({"habitat_file": "../out.asc"}, r"name a folder that contains the file by --root FOLDER \(in Python: root=\)"),
         ({"output_file": "gone/job.out"}, "is in no existing folder; make .*gone' first"),
     ],
 )
@@ -395,6 +421,10 @@ def test_rejected_jobs(keys: dict[str, object], words: str) -> None:
     Path("words.txt").write_text("1 11 21\ntwo 3 4\n")
     Path("single.txt").write_text("1 11 21\n")
     Path("empty.txt").write_text("\n")
+    Path("zero.txt").write_text("0 11 21\n2 17 21\n")
+    grid("zero.asc", [[0, 0, 0, 0, 1]] * 1 + [[0] * 5] * 3)
+    grid("below.asc", [[1] * 5, [1, -5, 3, 1, 1], [1] * 5, [1] * 5])
+    grid("none.asc", [[1] * 5, [1, 0, 3, 1, 1], [1] * 5, [1] * 5])
     Path("table.txt").write_text("min 1\nmax 2\n")
     Path("range.txt").write_text("min\nmax 2\n")
     Path("half.txt").write_text("mode include\n1 2.5\n")

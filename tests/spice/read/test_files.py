@@ -1,5 +1,6 @@
 """Files of decks: includes, library sections, the root folder, dialects, and messages for unreadable files."""
 
+import io
 import os
 from pathlib import Path
 
@@ -93,3 +94,15 @@ def test_unknown_dialects_and_roots_raise_input_error(root: Path) -> None:
         rg.read_spice(path, root=root / "absent")
     path.with_name("deck.cir.json").write_text('{"schema": 1, "dialect": "xyce"}')
     assert rg.read_spice(path).dialect == "xyce"
+
+
+def test_messages_about_includes_name_the_option_and_the_keyword_of_the_root(root: Path) -> None:
+    (root.parent / "out.inc").write_text("R1 a 0 1k\n")
+    path = write(root, ".include ../out.inc\nV1 a 0 1")
+    with pytest.raises(rg.InputError, match=r"name a folder that contains it by --root FOLDER \(in Python: root=\)"):
+        rg.read_spice(path)
+    assert len(rg.read_spice(path, root=root.parent).resistance) == 1
+    piped = "title\n.include out.inc\nV1 a 0 1\n"
+    with pytest.raises(rg.InputError, match=r"the folder of included files by --root FOLDER \(in Python: root=\)"):
+        rg.read_spice(io.StringIO(piped))
+    assert len(rg.read_spice(io.StringIO(piped), root=root.parent).resistance) == 1

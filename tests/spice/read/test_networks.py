@@ -258,6 +258,7 @@ def test_circuitscape_networks_use_the_last_line_of_a_node(tmp_path: Path) -> No
         "ncols 3\nnrows 1\ndx 2\ndy 2\nnodata -1\n",
     ],
 )
+@pytest.mark.filterwarnings("ignore:.*lower left corner")
 def test_raster_headers_of_all_forms_are_read(tmp_path: Path, head: str) -> None:
     (tmp_path / "cells.asc").write_text(head + "1e0 1.0 -1\n")
     make_raster(tmp_path, "in.asc", ["2 -9999 -9999"])

@@ -1,6 +1,6 @@
 """Peculiarities of ngspice: decks have the voltages of an ngspice run, or are rejected with name and place.
 
-Tests internals: `resgrid.spice.dialects`, `resgrid.spice.read.expressions`.
+Tests internals: `resgrid.spice.dialects`, `resgrid.spice.read.expression_tokens`, `resgrid.spice.read.expressions`.
 """
 
 from __future__ import annotations
@@ -14,7 +14,8 @@ from support.simulators import run, waves
 
 import resgrid as rg
 from resgrid.spice.dialects import DIALECTS
-from resgrid.spice.read.expressions import ExpressionError, evaluate
+from resgrid.spice.read.expression_tokens import ExpressionError
+from resgrid.spice.read.expressions import evaluate
 
 HEAD = ("title", "V1 in 0 10", "R0 in a 1k")
 SUBCIRCUIT = ".subckt s p q {}\nR9 p q {{r}}\n.ends"
@@ -55,6 +56,12 @@ FOLLOWED = {
         ".subckt s p q g=500\nR1 p q {f(1)}\n.ends",
         "X1 a 0 s",
     ),
+    "calls after operators": (
+        ".func f(x) {x+1}",
+        "R1 a 0 {100*((2>1)&&(f(1)))+!(f(1))+7%(f(1))+(1?(f(1)):2)+(0||f(1))+(0?1:f(1))+7\\f(2)+(1<f(1))-f(1)}",
+        "R2 a 0 {100*((2>1)&&abs(1))+!sgn(1)+7%int(2)}",
+    ),
+    "a call in a function that is not used": (".func f(x) {x+1}", ".func g(x) {1&&f(x)}", "R1 a 0 1k"),
     "a function is captured by another's argument": (
         ".param x=7",
         ".func f(y) {y*x}",
@@ -158,6 +165,10 @@ REJECTED = {
     "the sign of a power": (("R1 a 0 {2k-2*-3**2}",), "misreads a sign"),
     "a plus after an operator": (("R1 a 0 {2k*+3}",), "misreads a sign"),
     "a power of a negation": (("R1 a 0 {1k+!3**2}",), "applies ! before the power"),
+    "a function of a built-in name after a negation": (
+        (".func abs(x) {x+5}", "R1 a 0 {1k+!abs(0)}"),
+        ":5:13: ngspice calls its own function abs directly after '!', not that of the deck: write (abs(...))",
+    ),
 }
 
 

@@ -186,6 +186,46 @@ def test_unsupported_cards_raise_input_error_with_their_place(card: str, message
     assert message in rejection(*card.split("\n"))
 
 
+@pytest.mark.parametrize(
+    ("value", "dialect", "remedy", "right"),
+    [
+        ("p*2", "ngspice", "write the expression in braces: {p*2}", 6.0),
+        ("p*2", "hspice", "write the expression in quotes: 'p*2'", 6.0),
+        ("-p^2+20", "ltspice", "write the expression in braces: {-p^2+20}", None),
+        ("1k+p", "xyce", "write the expression in braces: {1k+p}", 1003.0),
+        ("p*(2+p)", "ngspice", "write the whole expression in braces: {...}", None),
+        ("p * 2", "ngspice", "write the whole expression in braces: {...}", None),
+        ("(p)", "ngspice", "expected a value, or an expression in braces: {...}", None),
+        ("4R7", "ngspice", "write the decimal point: 4.7", 4.7),
+        ("0r33", "ltspice", "write the decimal point: 0.33", 0.33),
+        ("1.2.3", "ngspice", "write a number, such as 4.7k", 4700.0),
+        ("q", "ngspice", "define it with .param or .model", None),
+    ],
+)
+def test_words_without_a_value_have_a_remedy_that_works(
+    value: str, dialect: str, remedy: str, right: float | None
+) -> None:
+    assert remedy in rejection(".param p=3", "V1 b 0 1", f"R1 a 0 {value}", dialect=dialect)
+    if right is not None:
+        written = remedy.partition(": ")[2] or remedy.rpartition(" ")[2]
+        assert ohms(written, ".param p=3", dialect=dialect) == pytest.approx(right)
+
+
+@pytest.mark.parametrize("command", [".global_param g=2", ".sampling useexpr=true", ".options nonlin reltol=1e-6"])
+def test_decks_with_commands_of_xyce_are_read_as_xyce(command: str) -> None:
+    found = deck("I1 0 a 1", "R1 a 0 {PI}", command, dialect="auto")
+    assert found.dialect == "xyce" and found.resistance[0] == pytest.approx(math.pi)
+
+
+def test_a_constant_of_another_dialect_is_named_with_the_option_that_selects_it() -> None:
+    lines = ("I1 0 a 1", "R1 a 0 {PI}")
+    message = rejection(*lines)
+    assert "or read the deck in its own dialect (--read-as, in Python dialect=)" in message
+    assert "it is a constant of ltspice and xyce, not of ngspice" in message
+    assert deck(*lines, dialect="ltspice").resistance[0] == pytest.approx(math.pi)
+    assert "--read-as" not in rejection("I1 0 a 1", "R1 a 0 {pie}")
+
+
 def test_at_most_20_errors_are_collected() -> None:
     message = rejection(*(f"D{i} a 0 mod" for i in range(30)))
     assert len(message.splitlines()) == 21
