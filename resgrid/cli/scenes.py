@@ -151,14 +151,14 @@ def load_scene(source: CommandInput) -> rg.Scene:
     from resgrid.scene.reading import is_link, link_document, read_document
 
     if source.dialect != "auto" or source.root is not None:
-        raise InputError(f"{source.file} is not a deck: --read-as and --root are for decks; remove them")
+        raise InputError(f"{source.name} is not a deck: --read-as and --root are for decks; remove them")
     if source.file == "-":
         return piped_scene(source)
     if is_link(source.file):
         refuse_map_options(source)
         document = link_document(source.file)
     elif Path(source.file).suffix.lower() in DECK_SUFFIXES:
-        raise InputError(f"{source.file} is a deck, but a scene or a map is needed; use 'resgrid check' for decks")
+        raise InputError(f"{source.name} is a deck, but a scene or a map is needed; use 'resgrid check' for decks")
     else:
         document = read_document(_named_file(source.file), source.map_options)
     return build_changed(document, source.changes)
