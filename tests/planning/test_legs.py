@@ -213,6 +213,9 @@ def test_a_start_in_the_inflated_zone_has_the_same_reason_with_every_option(tmp_
     scene = rg.read_scene(tmp_path / "map.yaml", goal=rg.GoalCell((20, 10)), robot=rg.DiscRobot(0.35))
     assert why.removeprefix("start_blocked: ") in rg.plan_legs(scene, (0.25, 1.05), via=[rg.GoalCell((10, 5))]).reason
     assert "or too near to one for the robot's radius of 0.35" in rg.plan(scene).path((0.25, 1.05)).reason
+    snapshot = rg.maps.MapSnapshot(np.where(grey == 0, 100, 0), 0.1, start=(0.25, 1.05, 0.0))
+    streamed = rg.maps.StreamPlanner(goal=(2.05, 1.05), robot=rg.DiscRobot(0.35)).plan(snapshot)
+    assert streamed.outcome == "start_blocked" and why.removeprefix("start_blocked: ") in streamed.reason
     inside = call(*words[:-2], "0,10", "--goal", "20,10")
     assert "the start lies in an obstacle (cell (0, 10))" in inside.stdout and "--escape" not in inside.stdout
 
