@@ -90,9 +90,9 @@ def command(source: CommandInput, rules: bool, deck: str | None, tolerance: floa
     if is_hardware(source.file):
         if rules or deck is not None:
             raise InputError(
-                f"{source.file} is a board or layout, and --rules and --deck check scenes and decks; leave them out"
+                f"{source.name} is a board or layout, and --rules and --deck check scenes and decks; leave them out"
             )
-        refuse_unused(f"{source.file} is a board or layout, which no simulator runs", given_options("engine"))
+        refuse_unused(f"{source.name} is a board or layout, which no simulator runs", given_options("engine"))
         return check_hardware(source, tolerance, timeout)
     if rules:
         refuse_unused("--rules runs no simulator", given_options("tolerance", "timeout", "engine"))
@@ -100,7 +100,7 @@ def command(source: CommandInput, rules: bool, deck: str | None, tolerance: floa
     if given and source.file == "-" and not rules:
         raise InputError("a simulator cannot run a deck from standard input: write it to a file, or use --rules")
     if given and deck is not None:
-        raise InputError(f"{source.file} is a deck, and --deck needs a scene to compare with; leave --deck out")
+        raise InputError(f"{source.name} is a deck, and --deck needs a scene to compare with; leave --deck out")
     if rules and deck is not None:
         raise InputError("--rules checks SCENE or DECK, not the deck of --deck; leave --deck out")
     if rules:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import io
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import resgrid as rg
-from resgrid.cli.streams import standard_input
+from resgrid.cli.streams import STANDARD_INPUT, standard_input
 from resgrid.cli.terminal import compute, detail, say, stage
 from resgrid.errors import CircuitError, InputError
 from resgrid.spice.dialects import DECK_SUFFIXES
@@ -50,13 +51,19 @@ def refuse_scene_options(source: CommandInput, kind: str = "deck") -> None:
     `kind`: the kind of the input in the message.
     """
     if source.changes or source.map_options:
-        raise InputError(f"{source.file} is a {kind}: options for keys of scenes and maps have no effect; remove them")
+        raise InputError(f"{source.name} is a {kind}: options for keys of scenes and maps have no effect; remove them")
 
 
 def refuse_deck_options(source: CommandInput, kind: str) -> None:
     """Raise InputError if ``--read-as`` or ``--root`` is given with an input that is not a deck; `kind`: its kind."""
     if source.dialect != "auto" or source.root is not None:
-        raise InputError(f"{source.file} is {kind}, not a deck: --read-as and --root are for decks; remove them")
+        raise InputError(f"{source.name} is {kind}, not a deck: --read-as and --root are for decks; remove them")
+
+
+class _NamedStream(io.BytesIO):
+    """The content of standard input, with the name that messages state."""
+
+    name = STANDARD_INPUT
 
 
 def open_deck(source: CommandInput, *, names: bool = True) -> Circuit:
@@ -71,7 +78,7 @@ def open_deck(source: CommandInput, *, names: bool = True) -> Circuit:
         _refuse_schematic(path)
     size = path.stat().st_size if path.is_file() else 0
     with stage("read the deck", seconds=0.5 + _READ_SECONDS * size):
-        circuit = standard_input() if source.file == "-" else path
+        circuit = _NamedStream(standard_input().read()) if source.file == "-" else path
         deck = rg.read_spice(circuit, dialect=source.dialect, root=source.root)
     if names:
         from resgrid.spice.check.erc import repeated_names

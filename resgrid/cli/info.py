@@ -14,6 +14,7 @@ from resgrid.cli.arms import verdict_data, verdict_lines
 from resgrid.cli.decks import deck_data, is_deck, open_deck
 from resgrid.cli.options import CommandInput, subcommand, with_source
 from resgrid.cli.scenes import Job, free_counts, open_job, place_of, report_ignored, several_k, size_of
+from resgrid.cli.streams import STANDARD_INPUT
 from resgrid.cli.terminal import counted, finish
 from resgrid.errors import CircuitError, InputError, ToolMissingError
 
@@ -85,7 +86,7 @@ def describe(job: Job) -> dict[str, Any]:
             for axis in space.axes
         ],
         "frame": {key: getattr(scene.frame, key) for key in ("x", "y", "yaw")},
-        "map": None if scene.map is None else describe_map(scene.map),
+        "map": None if scene.map is None else describe_map(scene.map) | _name_of_input(scene),
         "masks": [{"file": mask.file, "kind": mask.kind} for mask in scene.mask],
         "sketch": None if drawn is None else drawn.rows,
         "sketch_lower": None if drawn is None else list(drawn.lower),
@@ -106,6 +107,11 @@ def describe(job: Job) -> dict[str, Any]:
         "k": list(scene.k),
         **_cost(job),
     }
+
+
+def _name_of_input(scene: rg.Scene) -> dict[str, str]:
+    """Return the entry ``file`` of a map from standard input, which was copied to a temporary file; else no entry."""
+    return {"file": STANDARD_INPUT} if scene.source == STANDARD_INPUT else {}
 
 
 def _cost(job: Job) -> dict[str, Any]:

@@ -30,7 +30,6 @@ def answer_legs(
     from resgrid.io.leg_paths import leg_record, write_leg_paths
     from resgrid.io.tables import suffix_of
     from resgrid.scene.tolerances import goal_heading
-    from resgrid.scene.world_coordinates import cell_centre
 
     if output is not None:
         suffix_of(output, ("table", "record", "arrays", "message"), "a path of several legs")
@@ -39,12 +38,13 @@ def answer_legs(
     require_starts(scene)
     if len(scene.k) > 1:
         say(f"ignored: k = {', '.join(f'{k:g}' for k in scene.k[1:])}: a path of several legs follows one blend")
+    places: Sequence[Sequence[float] | rg.GoalCell] = via
     if in_cells:
-        via = [cell_centre(scene.axes, scene.frame, cell_indices("--via", place), "--via") for place in via]
+        places = [rg.GoalCell(cell_indices("--via", place)) for place in via]
     paths = []
     for start in scene.starts:
         with stage("plan the legs"):
-            paths.append(rg.plan_legs(scene, start, via=via, approximate=approximate, escape=escape))
+            paths.append(rg.plan_legs(scene, start, via=places, approximate=approximate, escape=escape))
     ends = [path.legs[-1] if path.legs else None for path in paths]
     headings = [goal_heading(scene, leg.path.points[-1]) if leg and leg.kind == "goal" else None for leg in ends]
     written = output is not None

@@ -23,6 +23,7 @@ from resgrid.cli.option_types import (
     SourceName,
     Suggested,
 )
+from resgrid.cli.streams import STANDARD_INPUT
 from resgrid.cli.terminal import Verbosity, require_one_output
 from resgrid.errors import InputError
 from resgrid.spice.dialects import DIALECTS
@@ -170,6 +171,11 @@ class CommandInput:
     threads: int = 1
     dialect: str = "auto"
     root: str | None = None
+
+    @property
+    def name(self) -> str:
+        """Name of the input in messages: that of the file, or ``standard input``."""
+        return STANDARD_INPUT if self.file == "-" else self.file
 
 
 def subcommand(name: str, *, examples: Sequence[str]) -> Decorator:

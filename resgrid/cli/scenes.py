@@ -153,14 +153,14 @@ def load_scene(source: CommandInput) -> rg.Scene:
 
     if source.dialect != "auto" or source.root is not None:
         hint = ", or add --read-as if the file is a deck" if source.dialect == "auto" else ""
-        raise InputError(f"{source.file} is not a deck: --read-as and --root are for decks; remove them{hint}")
+        raise InputError(f"{source.name} is not a deck: --read-as and --root are for decks; remove them{hint}")
     if source.file == "-":
         return piped_scene(source)
     if is_link(source.file):
         refuse_map_options(source)
         document = link_document(source.file)
     elif Path(source.file).suffix.lower() in DECK_SUFFIXES:
-        raise InputError(f"{source.file} is a deck, but a scene or a map is needed; use 'resgrid check' for decks")
+        raise InputError(f"{source.name} is a deck, but a scene or a map is needed; use 'resgrid check' for decks")
     else:
         document = _read_file(source)
     return build_changed(document, source.changes)

@@ -52,9 +52,9 @@ def command(
     about: dict[str, Any]
     given = is_deck(source)
     if not given and (worst is not None or raw is not None):
-        raise InputError(f"{source.file} is not a deck: --worst and --raw are for decks; leave them out")
+        raise InputError(f"{source.name} is not a deck: --worst and --raw are for decks; leave them out")
     if given and (method == "petsc" or ranks is not None or launcher is not None):
-        raise InputError(f"{source.file} is a deck: --method petsc, --ranks and --launcher are for scenes; remove them")
+        raise InputError(f"{source.name} is a deck: --method petsc, --ranks and --launcher are for scenes; remove them")
     if output is not None:
         check_solution_file(output, of_space=not given)
     if raw is not None and (output is None or Path(output).suffix.lower() != ".raw"):

@@ -29,8 +29,12 @@ def prepare_streams() -> None:
         )
 
 
+STANDARD_INPUT = "standard input"
+"""Name of the input ``-`` in messages and results."""
+
+
 def standard_input() -> BinaryIO:
     """Return the binary stream of standard input; raise InputError if the process has none."""
     if sys.stdin is None:
-        raise InputError("standard input is closed; give the name of a file, or pipe one")
+        raise InputError(f"{STANDARD_INPUT} is closed; give the name of a file, or pipe one")
     return sys.stdin.buffer

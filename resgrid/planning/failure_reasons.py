@@ -10,7 +10,9 @@ from resgrid.core.compiler import touches_obstacle
 from resgrid.core.regions import label_regions
 from resgrid.core.space import ConfigurationSpace
 from resgrid.core.wiring import Wiring
-from resgrid.scene.nearest_place import nearest_place
+from resgrid.robots import PointRobot
+from resgrid.scene.nearest_place import nearest_place, why_blocked
+from resgrid.scene.scene import Scene
 
 FAILURE_REASONS = {
     "no_path": "obstacles separate the start from every goal",
@@ -50,6 +52,8 @@ def failure_reason(outcome: str, space: ConfigurationSpace, cell: tuple[int, ...
     if outcome not in FAILURE_REASONS:
         return None
     parts = [undecided_reason(outcome, space, cell) or FAILURE_REASONS[outcome]]
+    if outcome == "start_blocked" and isinstance(space.robot, PointRobot) and space.robot.radius:
+        parts = [f"{parts[0]}, or too near to one for the robot's radius of {space.robot.radius:g}"]
     if outcome in ("no_path", "start_blocked"):
         remedy = getattr(space.robot, "remedy", "")
         parts += [nearest_start(space, cell), "open a passage" if outcome == "no_path" else "", remedy]
@@ -77,14 +81,30 @@ def no_current_reason(
             borders = (joined.take([0, -1], axis).any() for axis, rule in enumerate(edges) if rule == "open")
             reason = _FLAT + _EDGE * any(borders)
     place = nearest_place(flows, cell, space.axes, space.frame)
-    return f"{reason}; the nearest {_kind_of_place(space)} with a current is {place}" if place else reason
+    return f"{reason}; the nearest {kind_of_place(space)} with a current is {place}" if place else reason
 
 
-def undecided_reason(outcome: str, space: ConfigurationSpace, cell: tuple[int, ...]) -> str | None:
+def blocked_start_reason(scene: Scene, space: ConfigurationSpace, cell: tuple[int, ...], goal: str = "a goal") -> str:
+    """Return the reason why a start of a scene is blocked, and the nearest place for it, as a message.
+
+    `space`: space of the scene, possibly without goals; `cell`: cell of the start; `goal`: name of the goals of the
+    space, such as "via[0]".
+    """
+    reason = undecided_reason("start_blocked", space, cell) or f"the start {why_blocked(scene, cell)}"
+    nearest = nearest_start(space, cell, goal)
+    if not nearest:
+        place = nearest_place(space.cell != Cell.OBSTACLE, cell, space.axes, space.frame)
+        nearest = f"the nearest free {kind_of_place(space)} is {place}" if place else ""
+    return "; ".join(part for part in (reason, nearest) if part)
+
+
+def undecided_reason(
+    outcome: str, space: ConfigurationSpace, cell: tuple[int, ...], ends: tuple[str, str] = ("the start", "every goal")
+) -> str | None:
     """Return the reason of a failure, and a remedy, if undecided cells cause the failure; otherwise None.
 
     An undecided cell is an obstacle only because neither freedom nor a collision was proven.  `outcome`: value of
-    `Outcome`; `cell`: start cell of the path.
+    `Outcome`; `cell`: start cell of the path; `ends`: names of the start and of the goals of the path.
     """
     if space.undecided is None:
         return None
@@ -93,19 +113,19 @@ def undecided_reason(outcome: str, space: ConfigurationSpace, cell: tuple[int, .
     if outcome == "no_path":
         region = label_regions((space.cell != Cell.OBSTACLE) | space.undecided, space.periodic)
         if region[cell] in region[space.cell == Cell.GOAL]:
-            return f"undecided cells separate the start from every goal: {_MORE_PROOFS}"
+            return f"undecided cells separate {ends[0]} from {ends[1]}: {_MORE_PROOFS}"
     return None
 
 
-def nearest_start(space: ConfigurationSpace, cell: tuple[int, ...]) -> str:
+def nearest_start(space: ConfigurationSpace, cell: tuple[int, ...], goal: str = "a goal") -> str:
     """Return a phrase with the goal-connected place or configuration nearest to `cell`.
 
-    The phrase is empty if no cell of the space is goal-connected.
+    The phrase is empty if no cell of the space is goal-connected.  `goal`: name of the goals of the space.
     """
     place = nearest_place(space.goal_connected, cell, space.axes, space.frame)
-    return f"the nearest {_kind_of_place(space)} with a path to a goal is {place}" if place else ""
+    return f"the nearest {kind_of_place(space)} with a path to {goal} is {place}" if place else ""
 
 
-def _kind_of_place(space: ConfigurationSpace) -> str:
+def kind_of_place(space: ConfigurationSpace) -> str:
     """Return the word for a point of a space in messages: a place in the workspace, or a configuration."""
     return "place" if space.robot is None or space.robot.moves_in_workspace else "configuration"

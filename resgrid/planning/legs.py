@@ -16,8 +16,11 @@ from resgrid.core.cell import Cell
 from resgrid.core.regions import label_regions
 from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import InputError
+from resgrid.planning.advice import Advisor
 from resgrid.planning.certify import certify
 from resgrid.planning.escape_leg import escape_leg
+from resgrid.planning.leg_reasons import separation_reason
+from resgrid.planning.nearest_to_goals import goal_points, nearest_to_goals
 from resgrid.planning.node_paths import NodePath
 from resgrid.planning.pipeline import require_uniform, scene_wiring
 from resgrid.planning.planner import plan
@@ -26,9 +29,10 @@ from resgrid.planning.trace import start_cell
 from resgrid.robots import GoalCells
 from resgrid.robots.cells import merge_goals
 from resgrid.scene import Scene, build_space
-from resgrid.scene.goals import GoalCell, GoalJoints, GoalPoint
+from resgrid.scene.goal_placement import goal_cells, map_goals
+from resgrid.scene.goals import GoalCell, GoalPoint
 from resgrid.scene.maps.arrays import MapCells
-from resgrid.scene.sampling import adding, goal_cells, map_goals
+from resgrid.scene.sampling import adding
 from resgrid.scene.world_coordinates import cell_centre
 
 
@@ -150,7 +154,7 @@ def plan_legs(
     scene: Scene,
     start: ArrayLike,
     *,
-    via: Sequence[Sequence[float]] = (),
+    via: Sequence[Sequence[float] | GoalCell] = (),
     approximate: bool = False,
     escape: bool = False,
     k: float | None = None,
@@ -165,9 +169,9 @@ def plan_legs(
         The scene.
     start : array_like of float, shape (ndim,)
         Start in world coordinates.
-    via : sequence of sequence of float
-        Intermediate places (or poses, of a robot that turns) in world coordinates, in this order, as in the action
-        ComputePathThroughPoses of Nav2.
+    via : sequence of sequence of float or GoalCell
+        Intermediate places (or poses, of a robot that turns) in world coordinates, or cells, which stand for
+        their centres, in this order, as in the action ComputePathThroughPoses of Nav2.
     approximate : bool
         Whether to end at the reachable place that is nearest to a goal, if no goal can be reached.  The outcome remains
         the reason why no goal is reached.  (OMPL calls such a result an approximate solution.)
@@ -205,43 +209,43 @@ def plan_legs(
         raise InputError(f"{scene.source or 'scene'}: there is no goal; {adding(scene, 'a [[goal]]', '--goal')}")
     free = build_space(replace(scene, goals=(), map=_without_goals(scene)), require_goal=False)
     blocked = free.cell == Cell.OBSTACLE
-    stops = [
-        with_goals(free, goal_cells(scene, GoalPoint(tuple(place)), blocked, f"via[{number}]"))
-        for number, place in enumerate(via)
-    ]
+    places = tuple(place if isinstance(place, GoalCell) else GoalPoint(tuple(place)) for place in via)
+    stops = [with_goals(free, _stop(scene, place, blocked, f"via[{n}]")) for n, place in enumerate(places)]
     goals, problems = final_goals(scene, blocked, skip_blocked=approximate)
     final = with_goals(free, goals)
-    chain = _Chain(scene, free, k, tuple(np.asarray(start, dtype=np.float64).tolist()))
+    chain = _Chain(Advisor(scene, places), final, k, tuple(np.asarray(start, dtype=np.float64).tolist()))
     if escape and free.cell[start_cell(free, chain.at)] == Cell.OBSTACLE:
         targets = (stops or [final])[0]
         near = targets.goal_connected | (targets.cell == Cell.GOAL)
         leg = escape_leg(scene, free, np.asarray(chain.at), near if near.any() else ~blocked)
         if leg is not None:
             chain.add(Leg(leg, "escape", certified=False))
+            chain.begin = chain.at
     for number, stop in enumerate(stops):
-        if not chain.follow(stop, "via", f"via[{number}]: "):
-            return chain.result()
+        if not chain.follow(stop, "via", number):
+            return chain.result(free)
     if (
-        not chain.follow(final, "goal", problem="; ".join(problems))
+        not chain.follow(final, "goal", len(stops), "; ".join(problems))
         and approximate
         and chain.outcome is not Outcome.START_BLOCKED
     ):
-        chain.approach(_goal_points(scene))
-    return chain.result()
+        chain.approach(free, goal_points(scene))
+    return chain.result(free)
 
 
 class _Chain:
     """Legs of a path while they are planned.
 
-    `scene`, `space`: the scene and its space without goals; `k`: weight of the Dirichlet field, None for the first one
-    of the scene; `at`: end of the last leg, at first the start, in world coordinates; `start`: start, in world
-    coordinates; `legs`: the legs so far; `outcome`, `reason`: outcome of the last leg that was tried, and the reason
-    why this leg reaches no goal; `distance`: distance of the end from the nearest goal, in axis units, -1 if unknown.
+    `advisor`: advice for the scene of the path; `final`: space with the goals of the scene; `k`: weight of the
+    Dirichlet field, None for the first one of the scene; `start`: in world coordinates; `begin`: begin of the first leg
+    with a field, and `at`: end of the last leg, both first the start; `legs`: the legs so far; `outcome`, `reason`:
+    outcome of the last leg that was tried, and the reason why this leg reaches no goal; `distance`: distance of the end
+    from the nearest goal, in axis units, -1 if unknown.
     """
 
-    def __init__(self, scene: Scene, space: ConfigurationSpace, k: float | None, at: Point) -> None:
-        self.scene, self.space, self.at, self.start = scene, space, at, at
-        self.k = next(iter(scene.k), None) if k is None else k
+    def __init__(self, advisor: Advisor, final: ConfigurationSpace, k: float | None, start: Point) -> None:
+        self.advisor, self.final, self.start, self.begin, self.at = advisor, final, start, start, start
+        self.k = next(iter(advisor.scene.k), None) if k is None else k
         self.legs: list[Leg] = []
         self.outcome, self.reason, self.distance = Outcome.REACHED, "", -1.0
 
@@ -251,48 +255,54 @@ class _Chain:
         self.at = tuple(leg.path.points[-1].tolist())
 
     def follow(
-        self, space: ConfigurationSpace, kind: Literal["via", "goal", "approximate"], name: str = "", problem: str = ""
+        self, space: ConfigurationSpace, kind: Literal["via", "goal", "approximate"], number: int, problem: str = ""
     ) -> bool:
         """Append the certified path from the end of the last leg to a goal; return whether this path exists.
 
-        Without such a path, set `outcome` and `reason`.  `space`: space with goals; `kind`: kind of the leg; `name`:
-        prefix of the reason; `problem`: reason if the space has no goal.
+        Without such a path, set `outcome` and `reason`.  `space`: space with goals; `kind`: kind of the leg; `number`:
+        number of intermediate places before the leg; `problem`: reason if the space has no goal.
         """
-        if space.goal_count:
-            path = plan(space, scene_wiring(self.scene), k=self.k).path(self.at)
-            certify(path)
-            if path.outcome is Outcome.REACHED:
-                self.add(Leg(path, kind, certified=True))
-                return True
-            self.outcome, self.reason = path.outcome, f"{name}{path.reason}"
+        name = f"via[{number}]" if kind == "via" else "a goal"
+        if space.cell[start_cell(space, self.at)] == Cell.OBSTACLE:
+            self.outcome = Outcome.START_BLOCKED
+            self.reason = self.advisor.of_blocked_start(space, self.at, name)
+            return False
+        if not space.goal_count:
+            self.outcome, self.reason = Outcome.GOAL_BLOCKED, problem
+            return False
+        path = plan(space, scene_wiring(self.advisor.scene), k=self.k).path(self.at)
+        certify(path)
+        if path.outcome is Outcome.REACHED:
+            self.add(Leg(path, kind, certified=True))
+            return True
+        self.outcome = path.outcome
+        if path.outcome is Outcome.NO_PATH and self.advisor.via:
+            final = self.final.cell == Cell.GOAL
+            self.reason = separation_reason(self.advisor, space, final, self.at, self.begin, number)
         else:
-            is_inside = space.cell[start_cell(space, self.at)] == Cell.OBSTACLE
-            self.outcome = Outcome.START_BLOCKED if is_inside else Outcome.GOAL_BLOCKED
-            self.reason = "the start lies in an obstacle" if is_inside else problem
+            self.reason = f"via[{number}]: " * (kind == "via") + (self.advisor.reason(path) or "")
         return False
 
-    def approach(self, goals: NDArray[np.float64]) -> None:
+    def approach(self, space: ConfigurationSpace, goals: NDArray[np.float64]) -> None:
         """Append the leg to the reachable place that is nearest to one of the points `goals` (g, d), in axis units.
 
         `outcome` and `reason` stay those of the failed leg; `distance` is set to the distance of the place from this
-        goal point, in axis units.
+        goal point, in axis units.  `space`: space without goals.
         """
         outcome, reason = self.outcome, self.reason
-        region = label_regions(self.space.cell != Cell.OBSTACLE, self.space.periodic)
-        reachable = np.argwhere(region == region[start_cell(self.space, self.at)])
-        cell, point, distance = _nearest(self.space, reachable, goals)
-        mask = np.zeros(self.space.shape, dtype=bool)
+        region = label_regions(space.cell != Cell.OBSTACLE, space.periodic)
+        reachable = np.argwhere(region == region[start_cell(space, self.at)])
+        cell, point, distance = nearest_to_goals(space, reachable, goals)
+        mask = np.zeros(space.shape, dtype=bool)
         mask[tuple(cell)] = True
-        self.follow(with_goals(self.space, GoalCells(mask, point[np.newaxis])), "approximate")
+        self.follow(with_goals(space, GoalCells(mask, point[np.newaxis])), "approximate", len(self.advisor.via))
         self.outcome, self.reason, self.distance = outcome, reason, distance
 
-    def result(self) -> LegPath:
-        """Return the path of the legs."""
-        reached = self.outcome is Outcome.REACHED
+    def result(self, space: ConfigurationSpace) -> LegPath:
+        """Return the path of the legs; `space`: space without goals."""
+        reason = None if self.outcome is Outcome.REACHED else self.reason
         distance = None if self.distance < 0 else self.distance
-        return LegPath(
-            tuple(self.legs), self.outcome, None if reached else self.reason, distance, self.space, self.start
-        )
+        return LegPath(tuple(self.legs), self.outcome, reason, distance, space, self.start)
 
 
 def _without_goals(scene: Scene) -> MapCells | None:
@@ -337,52 +347,13 @@ def final_goals(scene: Scene, blocked: NDArray[np.bool_], *, skip_blocked: bool)
     return merge_goals(blocked.shape, found), problems
 
 
-def _goal_points(scene: Scene) -> NDArray[np.float64]:
-    """Return points in the goals of a scene, in axis units, shape (g, d).
+def _stop(scene: Scene, place: GoalPoint | GoalCell, blocked: NDArray[np.bool_], key: str) -> GoalCells:
+    """Return the cells of an intermediate place, with its point in each; the point of a cell is its centre.
 
-    d is the number of axes, or smaller if a goal states a place without a heading.
+    `blocked`: mask of obstacle cells, shape of the space; `key`: key path of the place, for messages.
     """
-    points: list[NDArray[np.float64]] = []
-    for goal in scene.goals:
-        match goal:
-            case GoalPoint(point):
-                points.append(scene.frame.from_world(point)[np.newaxis])
-            case GoalCell(cell):
-                centre = cell_centre(scene.axes, scene.frame, cell, "goal")
-                points.append(scene.frame.from_world(centre)[np.newaxis])
-            case GoalJoints(lower, upper):
-                points.append(scene.frame.from_world(np.add(lower, upper) / 2)[np.newaxis])
-            case _:
-                cells = goal_cells(scene, goal, np.zeros([axis.cells for axis in scene.axes], dtype=bool), "goal")
-                points.append(cells.points)
-    if scene.map is not None and scene.axes[: len(scene.map.axes)] == scene.map.axes:
-        at = np.argwhere(scene.map.cell == Cell.GOAL)
-        axes = scene.map.axes
-        points.append(np.array([axis.lower for axis in axes]) + (at + 0.5) * [axis.spacing for axis in axes])
-    d = min(part.shape[1] for part in points if len(part))
-    return np.concatenate([part[:, :d] for part in points])
-
-
-def _nearest(
-    space: ConfigurationSpace, cells: NDArray[np.int64], goals: NDArray[np.float64]
-) -> tuple[NDArray[np.int64], NDArray[np.float64], float]:
-    """Return the cell (ndim,) nearest to any goal, its point (ndim,) nearest to this goal, and their distance.
-
-    Points and distances are in axis units; only the first d coordinates count.  `cells` (n, ndim): candidates; `goals`
-    (g, d): points.
-    """
-    d, half = goals.shape[1], space.spacing / 2 * (1 - 1e-6)
-    centre = space.axis_centre(cells)
-    turn = (space.upper - space.lower)[:d]
-    best = (np.inf, 0, centre[0])
-    for goal in goals:
-        offset = goal - centre[:, :d]
-        offset -= np.where(space.periodic[:d], turn * np.round(offset / turn), 0.0)
-        inside = np.clip(offset, -half[:d], half[:d])
-        apart = np.linalg.norm(offset - inside, axis=1)
-        row = int(np.argmin(apart))
-        if apart[row] < best[0]:
-            point = centre[row].copy()
-            point[:d] += inside[row]
-            best = (float(apart[row]), row, point)
-    return cells[best[1]], best[2], best[0]
+    found = goal_cells(scene, place, blocked, key)
+    if not isinstance(place, GoalCell):
+        return found
+    centre = scene.frame.from_world(cell_centre(scene.axes, scene.frame, place.cell, key))
+    return GoalCells(found.cells, centre[np.newaxis])

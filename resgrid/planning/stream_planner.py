@@ -16,6 +16,7 @@ from resgrid.core.cell import Cell
 from resgrid.core.space import ConfigurationSpace
 from resgrid.errors import AccuracyError, CertificateError, InputError
 from resgrid.planning.certify import certify
+from resgrid.planning.failure_reasons import blocked_start_reason
 from resgrid.planning.legs import final_goals, with_goals
 from resgrid.planning.node_paths import NodePath
 from resgrid.planning.pipeline import require_uniform, scene_wiring
@@ -368,7 +369,7 @@ def _space(scene: Scene, start: Point) -> tuple[ConfigurationSpace, Outcome | No
     if goals.cells.any():
         return with_goals(free, goals), None, None
     if blocked[cell]:
-        return free, Outcome.START_BLOCKED, "the start lies in an obstacle"
+        return free, Outcome.START_BLOCKED, blocked_start_reason(scene, free, cell)
     return free, Outcome.GOAL_BLOCKED, "; ".join(problems)
 
 
@@ -388,10 +389,10 @@ def _followed(base: StreamedPath, space: ConfigurationSpace, start: Point) -> St
     except AccuracyError as error:
         return replace(base, reason=str(error))
     path = planner.path(start)
-    found = replace(
-        base, path=path, outcome=path.outcome, reason=path.reason, replanning=planner.replanning, planner=planner,
-        solved=True,
-    )  # fmt: skip
+    is_blocked = path.outcome is Outcome.START_BLOCKED
+    reason = blocked_start_reason(scene, space, start_cell(space, start)) if is_blocked else path.reason
+    solved = replace(base, replanning=planner.replanning, planner=planner, solved=True)
+    found = replace(solved, path=path, outcome=path.outcome, reason=reason)
     try:
         certify(path)
     except CertificateError as error:

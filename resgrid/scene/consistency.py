@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields
 from typing import Any
@@ -37,7 +38,7 @@ def inconsistencies(
     return [
         *_duplicate_names(names),
         *_axes_problems(robot, axes),
-        *_edge_problems(settings.edge, axes, ndim),
+        *_edge_problems(settings, axes, ndim),
         *_boundary_problems(settings, values, has_wall),
         *_coordinate_problems(robot, ndim, values),
         *_half_space_problems(robot, axes, values),
@@ -61,16 +62,21 @@ def _axes_problems(robot: Robot | type[Robot] | None, axes: Sequence[Axis] | Non
             yield ("grid",), str(error)
 
 
-def _edge_problems(edge: Sequence[str], axes: Sequence[Axis] | None, ndim: int) -> Iterator[Problem]:
+def _edge_problems(settings: Any, axes: Sequence[Axis] | None, ndim: int) -> Iterator[Problem]:
+    edge: Sequence[str] = settings.edge
     if ndim and len(edge) not in (1, ndim):
         yield ("edge",), f"needs one entry for each of the {ndim} axes (or one text for all), got {len(edge)}"
         return
-    for number, axis in enumerate(axes or ()):
-        rule = edge[number if len(edge) > 1 else 0]
-        if rule == "periodic" and not axis.periodic:
-            words = f"axis {number} is not periodic; set periodic = true on the axis, or choose obstacle or open"
-            yield ("edge",) if len(edge) == 1 else ("edge", number), words
-            return
+    rules = edge if len(edge) > 1 else [*edge] * len(axes or ())
+    wrong = [n for n, axis in enumerate(axes or ()) if rules[n] == "periodic" and not axis.periodic]
+    if axes and wrong:
+        remedy = "set periodic = true on the axis"
+        if settings.map is not None and getattr(settings, "grid", None) is None:  # axes of a map have no table
+            names = [axis.name for axis, rule in zip(axes, rules, strict=True) if rule == "periodic" or axis.periodic]
+            value = names[0] if len(names) == 1 else "'" + json.dumps(names) + "'"
+            remedy = f"--set map.periodic={value} makes it periodic (in Python: periodic={names} of read_scene)"
+        words = f"axis {wrong[0]} is not periodic; {remedy}, or choose obstacle or open"
+        yield ("edge",) if len(edge) == 1 else ("edge", wrong[0]), words
 
 
 def _boundary_problems(settings: Any, values: Mapping[Path, Any], has_wall: bool) -> Iterator[Problem]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import count
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from resgrid.core.frame import Frame
 from resgrid.core.regions import label_regions
 from resgrid.errors import InputError
 from resgrid.robots import PointRobot
+from resgrid.scene.goals import Goal, GoalCell
 from resgrid.scene.keepout import mask_at
 from resgrid.scene.scene import Scene
 from resgrid.scene.world_coordinates import cell_centre, locate_point, to_space, unknown_cells
@@ -85,17 +87,39 @@ def _on_map(scene: Scene) -> bool:
     return scene.map is not None and scene.axes[: len(scene.map.axes)] == scene.map.axes
 
 
-def nearest_place(allowed: NDArray[np.bool_], cell: tuple[int, ...], axes: Sequence[Axis], frame: Frame) -> str | None:
-    """Return the centre of the nearest allowed cell as text, in world coordinates; None if no cell is allowed.
+Form = Literal["place", "cell", "both"]
+"""Form of a recommended place: coordinates in the world, the index of a cell, or both."""
 
-    The text has the form ``(1.3, 3.4)``.  `allowed`: mask of cells, shape of the space; `cell`: index of the cell from
-    whose centre distances in axis units are measured; `axes`, `frame`: axes of the space, and the transformation from
-    axis units to the world.
+
+def form_of(goal: Goal) -> Form:
+    """Return the form in which a message recommends another place for a goal: that in which the goal is given."""
+    return "cell" if isinstance(goal, GoalCell) else "place"
+
+
+def nearest_place(
+    allowed: NDArray[np.bool_], cell: tuple[int, ...], axes: Sequence[Axis], frame: Frame, form: Form = "both"
+) -> str | None:
+    """Return the nearest allowed cell as text: its centre in world coordinates, its index, or both; None without one.
+
+    The text has the form ``(1.3, 3.4)``, ``cell (13, 34)`` or ``(1.3, 3.4), cell (13, 34)``.  Both are right for a
+    start: a scene stores the centre of a start that is given as a cell.  `allowed`: mask of cells, shape of the space;
+    `cell`: index of the cell from whose centre distances in axis units are measured; `axes`, `frame`: axes of the
+    space, and the transformation from axis units to the world.
     """
     nearest = nearest_cell(allowed, cell, axes)
-    if nearest is None:
-        return None
-    return place_text(cell_centre(tuple(axes), frame, nearest, ""), min(axis.spacing for axis in axes) / 10)
+    return None if nearest is None else text_of_cell(nearest, axes, frame, form)
+
+
+def text_of_cell(cell: tuple[int, ...], axes: Sequence[Axis], frame: Frame, form: Form = "both") -> str:
+    """Return a cell as text, in the form of `nearest_place`: its centre in world coordinates, its index, or both.
+
+    `axes`, `frame`: axes of the space, and the transformation from axis units to the world.
+    """
+    index = f"cell {cell}"
+    if form == "cell":
+        return index
+    place = place_text(cell_centre(tuple(axes), frame, cell, ""), min(axis.spacing for axis in axes) / 10)
+    return place if form == "place" else f"{place}, {index}"
 
 
 def place_text(point: Sequence[float], step: float = 1e-3) -> str:

@@ -24,7 +24,10 @@ def _assert_close(found: np.ndarray, wanted: list[Value]) -> None:
     for value, exact in zip(found.tolist(), wanted, strict=True):
         assert np.isnan(value) == (exact is None)
         if exact is not None:
-            assert abs(Fraction(value) - exact) <= _RELATIVE_ERROR * abs(exact) + Fraction(5e-324), (value, float(exact))
+            assert abs(Fraction(value) - exact) <= _RELATIVE_ERROR * abs(exact) + Fraction(5e-324), (
+                value,
+                float(exact),
+            )
 
 
 def _exact_adjoint(netlist: rg.Netlist, weights: np.ndarray) -> tuple[list[Value], list[Value]]:

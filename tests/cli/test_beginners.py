@@ -40,7 +40,7 @@ MISTAKES = {
     "path lesson.toml --cells": ["--cells applies to places", "leave it out, or add --goal, --start, --via"],
     "solve lesson.toml --cells": ["and none is given: leave it out, or add --goal, --start\n"],
     "path lesson.toml --cells --via 1.5,2": ["--via 1.5,2: with --cells, give whole numbers (cell indices)"],
-    "path lesson.toml --cells --via 9,2": ["--via: cell [9, 2] is not in the grid of 8 x 8 cells"],
+    "path lesson.toml --cells --via 9,2": ["via[0]: cell [9, 2] is not in the grid of 8 x 8 cells"],
     "path lesson.toml --set starts=[]": ["add starts = [[...]] to the scene, or give --start X,Y"],
     "path lesson.toml --set starts=[1,2]": ["must be a point, as in starts = [[1, 2]]"],
     "path map.yaml --goal 0.5,0.5 --start 0.5,2.9": ["outside the grid", "with x and y exchanged it lies inside"],
@@ -212,7 +212,7 @@ def test_a_map_with_too_many_parts_names_a_smaller_division(call, working_folder
 
 def test_goal_cells_get_places_when_a_finer_grid_is_proposed(call, working_folder):
     result = call("path", "lesson.toml", "--robot-radius", "0.5")
-    assert result.exit_code == 1 and "with goals at (6.5, 1.5) in place of goal cells" in result.stdout
+    assert result.exit_code == 1 and "goal at (6.5, 1.5) in place of cells" in result.stdout
     finer = [option for axis in "01" for option in ("--set", f"grid.axes.{axis}.cells=16")]
     assert call("path", "lesson.toml", "--robot-radius", "0.5", *finer, "--goal", "6.5,1.5").exit_code == 0
 

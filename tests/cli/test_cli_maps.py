@@ -1,6 +1,8 @@
 """Maps on the command line: dialects, sketches, unknown space and queries of benchmarks."""
 
+import io
 import re
+import shlex
 
 import numpy as np
 import pytest
@@ -93,6 +95,41 @@ def test_a_map_from_standard_input_needs_an_absolute_picture(call, map_file):
     assert (
         call(*words, piped=map_file.read_text().replace("map.pgm", str(map_file.with_name("map.pgm")))).exit_code == 0
     )
+
+
+PIPED = {
+    "picture": (b"P5 3 2 255\n" + bytes([0, 255, 255, 255, 255, 255]), "0.5,1.5"),
+    "movingai": (b"type octile\nheight 2\nwidth 4\nmap\n@...\n....\n", "0.5,1.5"),
+    "voxels": (b"voxel 3 3 2\n0 0 0\n", "0.5,0.5,0.5"),
+}
+
+
+@pytest.mark.parametrize("kind", [*PIPED, "npy", "deck"])
+def test_messages_about_standard_input_name_it(call, kind):
+    """Two messages for every format: a goal in an obstacle, and an input that is cut short."""
+    if kind == "deck":
+        rejected = call("solve", "-", "--read-as", "ngspice", piped="t\nR1 a b\n.end\n")
+        assert rejected.exit_code == 2 and "error: standard input:2: R1 has no value" in rejected.stderr
+        return
+    stream = io.BytesIO()
+    np.save(stream, np.eye(3, dtype=np.uint8))
+    data, goal = PIPED.get(kind, (stream.getvalue(), "0.5,0.5"))
+    blocked = call("info", "-", "--goal", goal, piped=data)
+    assert blocked.exit_code == 2 and "error: standard input: goal[0]: the point" in blocked.stderr
+    short = call("info", "-", piped=data[:-4] if kind == "npy" else data[: len(data) * 3 // 4])
+    assert short.exit_code == 2 and "error: standard input: " in short.stderr and "/standard_input" not in short.stderr
+    assert "/standard_input" not in call("info", "-", "--json", piped=data).stdout
+
+
+def test_a_map_names_its_own_key_for_periodic_edges(call, tmp_path):
+    np.save(tmp_path / "ring.npy", np.zeros((4, 3), np.uint8))
+    words = ("info", tmp_path / "ring.npy", "--edge")
+    one, two = call(*words, "periodic,open"), call(*words, "periodic")
+    assert one.exit_code == two.exit_code == 2
+    for result, rules in ((one, "periodic,open"), (two, "periodic")):
+        option = shlex.split(result.stderr.partition("--set ")[2].partition(" makes")[0])
+        assert call(*words, rules, "--set", *option).exit_code == 0
+    assert rg.read_scene(tmp_path / "ring.npy", periodic=["x", "y"], edge="periodic").edge == ("periodic", "periodic")
 
 
 def test_queries_for_another_map_exit_with_2(call, tmp_path):

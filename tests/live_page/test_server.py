@@ -124,7 +124,8 @@ def test_failed_paths_have_the_reasons_of_rg_plan(scenes, name):
     reasons = [path.reason for path in solve_drawing(drawing, exact=True).paths if path.reason]
     full = [path.reason for path in rg.plan(scene, k=drawing.k).paths() if path.reason]
     radius = "; make the robot's radius smaller" if name == "rooms" else ""  # a drawing contains cells, not the radius
-    assert [reason + radius for reason in reasons] == full != []
+    near = ", or too near to one for the robot's radius of 0.15"
+    assert [reason + radius for reason in reasons] == [reason.replace(near, "") for reason in full] != []
 
 
 @pytest.mark.slow

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import Result
 from PIL import Image
 from support.cli import ROOM, call
 
@@ -107,9 +108,70 @@ def test_planner_path_reasons_contain_the_nearest_place() -> None:
     space = rg.ConfigurationSpace([rg.Axis("x", 0, 6, 6), rg.Axis("y", 0, 3, 3)], cell)
     planner = rg.plan(space)
     blocked, lost = planner.path((2.5, 0.5)), planner.path((0.5, 0.5))
-    assert blocked.reason == "the start lies in an obstacle; the nearest place with a path to a goal is (3.5, 0.5)"
+    nearest = "the nearest place with a path to a goal is (3.5, 0.5), cell (3, 0)"
+    assert blocked.reason == f"the start lies in an obstacle; {nearest}"
     assert str(lost.reason).startswith("obstacles separate the start from every goal; the nearest place")
     assert planner.path((3.5, 0.5)).reason is None
+
+
+@pytest.mark.parametrize("name", ["goal", "via", "start"])
+def test_the_remedy_for_a_place_that_is_given_as_a_cell_is_a_cell(tmp_path: Path, name: str) -> None:
+    cell = np.zeros((9, 9), np.uint8)
+    cell[2, 2] = 1
+    np.save(tmp_path / "u.npy", cell)
+    words = ["path", tmp_path / "u.npy", "--spacing", "2", "--origin=-1,-1", "--cells"]
+    places = {"goal": "0,8", "start": "8,8", name: "2,2"}
+
+    def run() -> Result:
+        return call(*words, *(word for key, place in places.items() for word in (f"--{key}", place)))
+
+    blocked = run()
+    assert blocked.exit_code in (1, 2)
+    assert ("that a start can reach, the nearest is cell (1, 2)" in blocked.stderr) == (name != "start")
+    found = re.search(r"cell \((\d), (\d)\)$", (blocked.stdout + blocked.stderr).rstrip())
+    assert found is not None
+    places[name] = f"{found[1]},{found[2]}"
+    assert run().exit_code == 0
+
+
+def test_blocked_goal_cells_of_python_get_cells_as_remedies() -> None:
+    axes = (rg.Axis("x", -1.0, 5.0, 3), rg.Axis("y", -1.0, 1.0, 1))
+    scene = rg.Scene(axes, obstacles=(rg.Box((1.0, -1.0), (3.0, 1.0)),))
+    with pytest.raises(rg.InputError, match=r"the nearest is cell \(0, 0\)$"):
+        rg.build_space(scene.replace(goal=rg.GoalCell((1, 0))))
+    with pytest.raises(rg.InputError, match=r"the nearest is \(0, 0\); --goal-tolerance 2 includes that place$"):
+        rg.build_space(scene.replace(goal=(2.0, 0.0)))
+
+
+def test_coarsen_is_blamed_for_blocked_goals_and_starts(tmp_path: Path) -> None:
+    """Isolated obstacle pixels, every 4 cells: joining 4 x 4 cells leaves no free cell, 2 x 2 cells leave passages."""
+    rows = ["".join("#" if not (row % 4 or column % 4) else "." for column in range(24)) for row in range(24)]
+    file = ros_map(tmp_path, rows)
+    places = ("--start", "0.25,0.15", "--goal", "2.25,2.05")
+    blocked = call("path", file, *places, "--coarsen", "4")
+    assert blocked.exit_code == 2 and "no cell is free; --coarsen 2 frees it, with 12 x 12 cells" in blocked.stderr
+    assert call("path", file, *places, "--coarsen", "2").exit_code == 0
+    cells = call("path", file, "--cells", "--start", "0,0", "--goal", "5,5", "--coarsen", "4")
+    assert "12 x 12 cells; cells then have other numbers, and the goal is cell (11, 11)" in cells.stderr
+    (tmp_path / "start").mkdir()
+    file = ros_map(tmp_path / "start", ["#......."] + ["........"] * 7)
+    start = call("path", file, "--start", "0.15,0.55", "--goal", "0.75,0.05", "--coarsen", "4")
+    assert start.exit_code == 1 and "start_blocked" in start.stdout and "--coarsen 2 opens a path" in start.stdout
+    assert call("path", file, "--start", "0.15,0.55", "--goal", "0.75,0.05", "--coarsen", "2").exit_code == 0
+
+
+def test_free_unknown_cells_are_proposed_only_if_they_free_the_place(tmp_path: Path) -> None:
+    """The unknown column is 0.1 m from a wall, nearer than the robot's radius."""
+    file = ros_map(tmp_path, ["#.?....."] * 8)
+    words = ("path", file, "--robot-radius", "0.15")
+    goal = call(*words, "--goal", "0.25,0.45", "--start", "0.65,0.45")
+    assert goal.exit_code == 2 and "lies in unknown space" in goal.stderr
+    assert "--unknown free together with a smaller radius of the robot frees it" in goal.stderr
+    assert "--unknown free treats" not in goal.stderr
+    smaller = ("path", file, "--robot-radius", "0.05", "--unknown", "free")
+    assert call(*smaller, "--goal", "0.25,0.45", "--start", "0.65,0.45").exit_code == 0
+    start = call(*words, "--start", "0.25,0.45", "--goal", "0.65,0.45")
+    assert start.exit_code == 1 and "lies in unknown space" in start.stdout and "--unknown free" not in start.stdout
 
 
 def test_reached_goals_are_reported_with_region_and_place(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import shapely
 import yaml
+from PIL import Image
 from scipy import ndimage
 from support.cli import call
 
@@ -17,6 +18,9 @@ HEAD = (
     'schema = 1\ngrid.axes = [\n{ name = "x", lower = 0, upper = 4, cells = 40 },\n'
     '{ name = "y", lower = 0, upper = 3, cells = 30 } ]\n'
 )
+
+
+MAP_KEYS = "image: map.pgm\nresolution: 0.1\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
 
 
 def random_scene(rng, radius=0.0):
@@ -149,7 +153,77 @@ def test_intermediate_places_in_obstacles_or_without_a_path_are_named():
     with pytest.raises(rg.InputError, match=r"via\[1\]: the point \[2.1, 1.0\] lies in an obstacle"):
         rg.plan_legs(scene, (0.5, 0.5), via=[(1.0, 1.0), (2.1, 1.0)])
     path = rg.plan_legs(scene, (0.5, 0.5), via=[(1.0, 1.0), (3.0, 1.0)], approximate=True)
-    assert path.outcome == "no_path" and path.reason.startswith("via[1]: ") and len(path.legs) == 1
+    assert path.outcome == "no_path" and path.reason.startswith("obstacles separate via[0] from via[1]; ")
+    assert len(path.legs) == 1
+
+
+@pytest.mark.parametrize(
+    ("start", "via", "goal", "ends"),
+    [
+        ("0,0", ["1,3"], "6,2", ("via[0] from every goal", "to a goal that via[0] can reach is cell (2, 2);")),
+        ("6,0", ["1,3"], "6,2", ("the start from via[0]", "to via[0] that the start can reach is cell (4, 3);")),
+        ("0,0", ["6,3"], "6,2", ("the start from via[0]", "with a path to via[0] is (4.5, 0.5), cell (4, 0);")),
+        ("0,0", ["1,1", "6,3"], "1,2", ("via[0] from via[1]", "to via[1] that via[0] can reach is cell (2, 3);")),
+    ],
+)
+def test_a_leg_without_a_path_names_its_ends_and_a_remedy_that_opens_it(tmp_path, start, via, goal, ends):
+    """The remedy for the named end, applied as given, leads to the goal."""
+    cell = np.zeros((7, 5), np.uint8)
+    cell[3] = 1
+    np.save(tmp_path / "wall.npy", cell)
+    places = {"start": start, "goal": goal, **{f"via[{number}]": place for number, place in enumerate(via)}}
+
+    def run():
+        words = [f"--{name.partition('[')[0]}={place}" for name, place in places.items()]
+        return call("path", tmp_path / "wall.npy", "--cells", *words)
+
+    failed = run()
+    assert (
+        failed.exit_code == 1 and f"no_path: obstacles separate {ends[0]}; the nearest place {ends[1]}" in failed.stdout
+    )
+    moved = "start" if "with a path to" in ends[1] else "goal" if "to a goal" in ends[1] else ends[1].split()[1]
+    places[moved] = ends[1].rpartition("cell (")[2].partition(")")[0].replace(" ", "")
+    assert run().exit_code == 0
+
+
+def test_remedies_of_paths_through_intermediate_places_open_every_leg(tmp_path):
+    """A gap of three cells for a disc; twice as many cells resolve it for the leg that passes the gap."""
+    grey = np.full((20, 30), 254, np.uint8)
+    grey[:8, 15] = grey[11:, 15] = 0
+    Image.fromarray(grey).save(tmp_path / "map.pgm")
+    (tmp_path / "map.yaml").write_text(MAP_KEYS)
+    words = ("path", tmp_path / "map.yaml", "--robot-radius", "0.12", "--start", "0.3,1", "--goal", "0.3,0.5")
+    failed = call(*words, "--via", "2.5,1")
+    assert failed.exit_code == 1 and "obstacles separate the start from via[0]" in failed.stdout
+    count = failed.stdout.partition("--refine ")[2].partition(" ")[0]
+    assert call(*words, "--via", "2.5,1", "--refine", count).exit_code == 0
+
+
+def test_a_start_in_the_inflated_zone_has_the_same_reason_with_every_option(tmp_path):
+    grey = np.full((20, 30), 254, np.uint8)
+    grey[:, 0] = 0
+    Image.fromarray(grey).save(tmp_path / "map.pgm")
+    (tmp_path / "map.yaml").write_text(MAP_KEYS)
+    words = ("path", tmp_path / "map.yaml", "--robot-radius", "0.35", "--cells", "--start", "2,10", "--goal")
+    why = "start_blocked: the start lies too near to an obstacle for the robot's radius of 0.35 (cell (2, 10)); "
+    for options in (["20,10"], ["20,10", "--approximate"], ["0,10", "--approximate"], ["20,10", "--via", "10,5"]):
+        blocked = call(*words, *options)
+        assert blocked.exit_code == 1 and why in blocked.stdout and "--escape of 'resgrid path'" in blocked.stdout
+    assert call(*words, "20,10", "--via", "10,5", "--escape").exit_code == 0
+    scene = rg.read_scene(tmp_path / "map.yaml", goal=rg.GoalCell((20, 10)), robot=rg.DiscRobot(0.35))
+    assert why.removeprefix("start_blocked: ") in rg.plan_legs(scene, (0.25, 1.05), via=[rg.GoalCell((10, 5))]).reason
+    assert "or too near to one for the robot's radius of 0.35" in rg.plan(scene).path((0.25, 1.05)).reason
+    snapshot = rg.maps.MapSnapshot(np.where(grey == 0, 100, 0), 0.1, start=(0.25, 1.05, 0.0))
+    streamed = rg.maps.StreamPlanner(goal=(2.05, 1.05), robot=rg.DiscRobot(0.35)).plan(snapshot)
+    assert streamed.outcome == "start_blocked" and why.removeprefix("start_blocked: ") in streamed.reason
+    inside = call(*words[:-2], "0,10", "--goal", "20,10")
+    assert "the start lies in an obstacle (cell (0, 10))" in inside.stdout and "--escape" not in inside.stdout
+
+
+def test_an_intermediate_cell_is_passed_at_its_centre():
+    scene = rg.Scene(AXES, goals=(rg.GoalPoint((3.5, 0.5)),))
+    path = rg.plan_legs(scene, (0.5, 0.5), via=[rg.GoalCell((20, 15))])
+    assert path.legs[0].path.points[-1] == pytest.approx((2.05, 1.55))
 
 
 def test_poses_of_a_footprint_are_visited_with_their_heading():

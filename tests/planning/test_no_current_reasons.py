@@ -24,7 +24,7 @@ def symmetric_room() -> rg.ConfigurationSpace:
 
 def place_in(reason: str) -> tuple[float, ...]:
     """Return the coordinates of the place with a current that a reason names."""
-    found = re.search(r"with a current is \((.*)\)$", reason)
+    found = re.search(r"with a current is \((.*?)\), cell \(", reason)
     assert found is not None, reason
     return tuple(map(float, found[1].split(", ")))
 
