@@ -16,6 +16,7 @@ from resgrid.chip.effects import Effect, Faults, InternodalSwitches, Mismatch
 from resgrid.chip.effects.base import checked
 from resgrid.chip.figures_of_merit import formatted
 from resgrid.core import random_sites
+from resgrid.core.drive_checks import require_drive
 from resgrid.core.lattice import require_square
 from resgrid.core.netlist import Netlist
 from resgrid.core.random_sites import Seed, seed_of
@@ -106,6 +107,7 @@ def ideal_netlist(space: ConfigurationSpace, chip: Chip, wiring: Wiring) -> Netl
     compile; `chip`: gives resistance, supply and wall resistance; `wiring`: boundary conditions of the circuit.
     """
     require_square(wiring.lattice, "the chip with its imperfections")
+    require_drive(wiring, "the chip")
     wall = chip.wall_resistance if wiring.boundary == "wall" else None
     own = dataclasses.replace(
         wiring, rails="cells", resistance=chip.with_process().resistance, supply=chip.supply, wall_resistance=wall

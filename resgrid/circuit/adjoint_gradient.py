@@ -150,7 +150,7 @@ def _leaks(netlist: Netlist, slope: NDArray[np.float64], adjoint: Scaled, above:
     voltages above the obstacle rail in volts, as mantissas and exponents of ``2**256``.
     """
     cells = netlist.cell_map
-    if cells is None or netlist.nonlinear_nodes.size or cells.wiring.is_driven:
+    if cells is None or netlist.nonlinear_nodes.size or cells.wiring.is_driven or cells.wiring.has_islands:
         return None
     space, wiring = cells.space, cells.wiring
     found = np.zeros(space.cell.size)

@@ -15,6 +15,7 @@ from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.solve import CircuitLike, netlist_of
 from resgrid.circuit.terminals import Nodes, TerminalReader, joined_nodes, require_linear
 from resgrid.core.netlist import GROUND, Netlist
+from resgrid.core.regions import label_components
 from resgrid.errors import CircuitError
 
 
@@ -146,6 +147,9 @@ def currents_between_groups(
     second terminal; `amps`: current from the first to the second, in amperes; `method`: ``"auto"``, ``"direct"`` or
     ``"multigrid"``; `threads`: largest number of threads. Raises CircuitError if no resistors connect the groups.
     """
+    part = label_components(group[netlist.resistor_nodes], int(group.max()) + 1)
+    if part[high] != part[low]:
+        raise _not_connected(netlist, group, high, low)
     driven, place = _driven(netlist, group, high, low)
     point = solve_linear(driven, accuracy="direction", method=method, rtol=1e-10, threads=threads)
     ends = group[netlist.resistor_nodes]
@@ -153,11 +157,7 @@ def currents_between_groups(
     through = through_nodes(ends, current, int(group.max()) + 1)
     total = float(through[high])
     if not total > 0.0:
-        names = [netlist.node_name(int(np.flatnonzero(group == number)[0])) for number in (high, low)]
-        raise CircuitError(
-            f"no resistors connect the nodes {names[0]} and {names[1]}, so that no current can flow between them; "
-            "their effective resistance is infinite"
-        )
+        raise _not_connected(netlist, group, high, low)
     scale = amps / total
     return PairCurrents(
         netlist=netlist,
@@ -168,6 +168,15 @@ def currents_between_groups(
         resistor_current=current * scale,
         node_current=through[group] * scale,
         point=point,
+    )
+
+
+def _not_connected(netlist: Netlist, group: Nodes, high: int, low: int) -> CircuitError:
+    """Return the error for two groups of joined nodes without a connection; arguments of `currents_between_groups`."""
+    names = [netlist.node_name(int(np.flatnonzero(group == number)[0])) for number in (high, low)]
+    return CircuitError(
+        f"no resistors connect the nodes {names[0]} and {names[1]}, so that no current can flow between them; "
+        "their effective resistance is infinite"
     )
 
 

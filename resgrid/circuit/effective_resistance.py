@@ -167,7 +167,9 @@ def effective_resistance(
 
     The effective resistance of a pair is the voltage between both terminals when a current of 1 A flows through the
     circuit from one to the other.  Independent sources are set to zero: a voltage source is a wire, a current source is
-    open.  Capacitors are open.  The circuit needs no ground, and node 0 is a node like others.
+    open.  Capacitors are open.  The circuit needs no ground, and node 0 is a node like others.  Compile a space with
+    ``drive="none"`` (`resgrid.Wiring`): every free cell is then part of the circuit, no driven start is a wire, and the
+    space needs no goal.
 
     Parameters
     ----------
@@ -219,7 +221,8 @@ def effective_resistance(
 
     Examples
     --------
-    >>> grid = rg.compile_space(rg.build_space(rg.read_scene("examples/scenes/lesson.toml")), boundary="neumann")
+    >>> space = rg.build_space(rg.read_scene("examples/scenes/lesson.toml"))
+    >>> grid = rg.compile_space(space, boundary="neumann", drive="none")
     >>> found = rg.effective_resistance(grid, [((6, 2), (7, 2)), ((6, 2), (1, 1))], cells=True)
     >>> found.resistance.round(3)
     array([ 5509.741, 20054.162])

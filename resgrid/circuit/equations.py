@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.circuit.sources import SourceForest, tie_sources
+from resgrid.core.drive_checks import NO_DRIVE, ONE_VOLTAGE
 from resgrid.core.netlist import GROUND, Netlist
 from resgrid.errors import CircuitError
 from resgrid.solvers.laplacian import EdgeList, Grid, Laplacian, Rails
@@ -388,11 +389,7 @@ def _between_rails(netlist: Netlist, volts: NDArray[np.float64], components: Com
     ends = np.where(components.of_node < 0, volts, np.nan)[netlist.resistor_nodes]
     ends = ends[np.abs(ends[:, 0] - ends[:, 1]) > 0]
     if not ends.size and netlist.space_map is not None:
-        raise CircuitError(
-            "nothing is driven: no component of the circuit touches two rails or has a current source, so that all "
-            "currents are zero; add a second rail (an obstacle, an edge that counts as one), open a path to the goal, "
-            "or inject the same current into every free cell (boundary = 'neumann')"
-        )
+        raise CircuitError(NO_DRIVE if netlist.space_map.wiring.has_islands else ONE_VOLTAGE)
     if not ends.size and components.floating.all() and np.count_nonzero(components.of_node < 0) == 1:
         raise CircuitError(
             "no resistor or voltage source touches ground, node 0, so that no voltage is known; connect one to node 0"

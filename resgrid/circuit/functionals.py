@@ -32,7 +32,7 @@ def place_weights(netlist: Netlist, at: Any, weights: ArrayLike | None, cells: b
     """
     if at is None:
         raise InputError("at is missing: give a node, such as at=5, or a cell, such as at=(3, 4), cells=True")
-    read, seed = TerminalReader(netlist, cells), np.zeros(netlist.node_count)
+    read, seed = TerminalReader(netlist, cells, voltages=True), np.zeros(netlist.node_count)
     single = isinstance(at, str) or (cells and isinstance(at, tuple)) or not isinstance(at, Sequence | np.ndarray)
     if not single and getattr(at, "dtype", None) != np.bool_:
         places = [read.nodes(tuple(each) if np.iterable(each) and not isinstance(each, str) else each) for each in at]

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid._internal.numbers import is_whole
+from resgrid.core.cell import Cell
 from resgrid.core.netlist import Netlist
 from resgrid.core.regions import label_components
 from resgrid.errors import InputError, suggestion
@@ -21,16 +22,27 @@ Nodes = NDArray[np.int64]
 _MOST_NAMES = 5000
 """Maximum number of node names that are compared with an unknown name, to suggest a similar name in the message."""
 
+_NO_VOLTAGE = "is free, but has no path to a goal and no voltage; choose a cell with a path to a goal"
+_OPEN_OBSTACLE = "is an open obstacle, without a node; choose a free cell or a goal cell"
+_LEFT_OUT = (
+    "is free, but has no path to a goal, and a circuit with a drive leaves such cells out; compile the space with "
+    "drive = 'none', which gives every free cell a node"
+)
+"""Reasons why a cell has no node, with remedies; the message starts with the cell."""
+
 
 @dataclass(frozen=True, eq=False)
 class TerminalReader:
     """Conversion of a terminal, as a user gives it, to node numbers.
 
-    `netlist`: the circuit; `cells`: whether terminals are cells of the compiled space instead of nodes.
+    `netlist`: the circuit; `cells`: whether terminals are cells of the compiled space instead of nodes; `voltages`:
+    whether terminals are places of an operating point, where a mask ignores free cells without a node, instead of ends
+    of a resistance, where such a cell is an error.
     """
 
     netlist: Netlist
     cells: bool = False
+    voltages: bool = False
 
     @cached_property
     def _number_of(self) -> dict[str, int]:
@@ -68,9 +80,7 @@ class TerminalReader:
         """Return the number of a node that is given by its number or its name."""
         if isinstance(node, str):
             if node not in self._number_of:
-                names = list(islice(self._number_of, _MOST_NAMES))
-                hint = suggestion(node, names) or f"some of its nodes are {', '.join(names[:4])}"
-                raise InputError(f"the circuit has no node {node!r}; {hint}")
+                raise InputError(f"the circuit has no node {node!r}; {self._hint(node)}")
             return self._number_of[node]
         if not is_whole(node) or not 0 <= node < self.netlist.node_count:
             raise InputError(
@@ -78,12 +88,32 @@ class TerminalReader:
             )
         return int(node)
 
+    def _hint(self, name: str) -> str:
+        """Return advice for the name of a node that does not exist, for a message."""
+        found = self.netlist.space_map
+        if found is not None and name == "obstacle" and found.wiring.is_open and found.obstacle_node < 0:
+            return "obstacles are open; choose boundary = 'dirichlet' or 'wall', or name another node"
+        kind, _, region = name.partition("_")
+        is_rail = name == "obstacle" or (kind == "goal" and region.isdecimal())
+        if found is not None and found.wiring.rails == "cells" and is_rail:
+            space = found.space
+            in_rail = space.cell == Cell.OBSTACLE if name == "obstacle" else space.goal_region == int(region)
+            nodes: list[int] = found.node[in_rail & (found.node >= 0)].tolist()
+            if nodes:
+                return f"each of its cells is a node of its own here, such as {self.netlist.node_name(nodes[0])}"
+        names = list(islice(self._number_of, _MOST_NAMES))
+        return suggestion(name, names) or f"some of its nodes are {', '.join(names[:4])}"
+
     def _in_cells(self, terminal: Any) -> Iterable[int]:
         """Return the node numbers of a cell (a tuple of indices), a mask of cells, or a list of cells."""
         node, shape = self.netlist.cells.node, self.netlist.cells.space.shape
         if isinstance(terminal, np.ndarray) and terminal.dtype == np.bool_:
             if terminal.shape != shape:
                 raise InputError(f"a mask of cells has shape {terminal.shape}; the space has shape {shape}")
+            free = terminal & (self.netlist.cells.space.cell == Cell.FREE)
+            if not self.voltages:
+                for cell in np.argwhere(free & (node < 0))[:1]:
+                    self._node_of_cell(tuple(cell.tolist()))  # raises
             inside = node[terminal]
             return inside[inside >= 0]
         cells = [terminal] if isinstance(terminal, tuple) and all(map(is_whole, terminal)) else terminal
@@ -98,12 +128,12 @@ class TerminalReader:
             is_whole(index) and 0 <= index < count for index, count in zip(cell, shape, strict=True)
         )
         if not inside:
-            raise InputError(f"the space of shape {shape} has no cell {cell!r}")
+            last = tuple(count - 1 for count in shape)
+            raise InputError(f"the space has no cell {cell!r}; its cells are {(0,) * len(shape)} to {last}")
         if node[cell] < 0:
-            raise InputError(
-                f"cell {cell!r} has no node, because no current can reach it (an open obstacle, or an enclosed cell); "
-                "choose a free cell"
-            )
+            is_free = self.netlist.cells.space.cell[cell] == Cell.FREE
+            left_out = _NO_VOLTAGE if self.voltages else _LEFT_OUT
+            raise InputError(f"cell {cell!r} {left_out if is_free else _OPEN_OBSTACLE}")
         return int(node[cell])
 
 

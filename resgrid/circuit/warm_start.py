@@ -20,6 +20,7 @@ from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.postprocess import read_normwise
 from resgrid.core.cell import Cell
 from resgrid.core.compiler import CellRole, compile_space, contacts_of_box
+from resgrid.core.drive_checks import require_drive
 from resgrid.core.lattice import require_square
 from resgrid.core.netlist import Netlist
 from resgrid.core.regions import cells_at_faces, label_regions
@@ -167,6 +168,7 @@ class WarmStart:
         check_rtol(rtol)
         self.wiring, self.rtol = wiring_of(wiring, options), rtol
         require_square(self.wiring.lattice, "a warm start")
+        require_drive(self.wiring, "a warm start")
         if self.wiring.rails != "merged":
             raise InputError("a warm start needs rails = 'merged': with rails = 'cells', use resgrid.solve")
         self._last: _WarmCircuit | None = None

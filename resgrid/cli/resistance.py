@@ -57,9 +57,9 @@ def command(
     """Compute effective resistances between places of SCENE, or between nodes of DECK, in ohms.
 
     Independent sources are set to zero: a voltage source is a wire, a current source is open. In a scene, rails are
-    such wires; with the boundary condition neumann, obstacles are open. A Circuitscape configuration (.ini) in
-    pairwise, one-to-all or all-to-one mode needs no --between: its files are written to the folder of -o, or to that of
-    its key output_file. Exits with 1 if a pair is not connected.
+    such wires, and a goal is not needed; with the boundary condition neumann, obstacles are open, and the drive is left
+    out. A Circuitscape configuration (.ini) in pairwise, one-to-all or all-to-one mode needs no --between: its files
+    are written to the folder of -o, or to that of its key output_file. Exits with 1 if a pair is not connected.
     """
     from resgrid._internal.files import target_of
     from resgrid.io.resistances import check_resistance_file, resistance_record, terminal_names
@@ -81,9 +81,10 @@ def command(
         netlist = open_deck(source).netlist()
         pairs: list[Any] = [tuple(_names(word) for word in pair) for pair in between]
     else:
-        job = open_job(source, method=method)
-        ignored = report_ignored(job, "circuit")
-        netlist = job.compile(job.problem.only_wiring()[1], scaled=False)
+        job = open_job(source, require_goal=False, method=method)
+        wiring = job.problem.wiring_without_drive()
+        ignored = report_ignored(job, "circuit", wiring=wiring)
+        netlist = job.compile(wiring, scaled=False)
         in_cells = bool(click.get_current_context().params["cells"])
         pairs = [tuple(_places(netlist, word, in_cells) for word in pair) for pair in between]
     seconds = 0.5 + _SECONDS * len(netlist.conductance) * len(pairs)
@@ -117,8 +118,10 @@ def _example(source: CommandInput) -> str:
 
 
 def _names(word: str) -> list[str]:
-    """Return the node names of a terminal; `word`: names separated by blanks."""
-    return word.split()
+    """Return the node names of a terminal, at least one; `word`: names separated by blanks."""
+    if names := word.split():
+        return names
+    raise InputError("--between: a terminal is empty; give a node name, such as a, or a place, such as 1,2")
 
 
 def _places(netlist: rg.Netlist, word: str, in_cells: bool) -> list[str | int]:
@@ -127,7 +130,7 @@ def _places(netlist: rg.Netlist, word: str, in_cells: bool) -> list[str | int]:
     `netlist`: compiled circuit of the scene; `word`: places X,Y and node names, separated by blanks; `in_cells`:
     whether places are cell indices instead of world coordinates.
     """
-    return [_node_at(netlist, part, in_cells) for part in word.split()]
+    return [_node_at(netlist, part, in_cells) for part in _names(word)]
 
 
 def _node_at(netlist: rg.Netlist, place: str, in_cells: bool) -> str | int:
@@ -150,8 +153,12 @@ def _node_at(netlist: rg.Netlist, place: str, in_cells: bool) -> str | int:
     space = netlist.cells.space
     if len(numbers) != space.ndim:
         raise InputError(f"--between {place}: a place of this scene has {space.ndim} coordinates")
-    cell = cell_indices("--between", numbers) if in_cells else tuple(space.locate(numbers).tolist())
-    return int(TerminalReader(netlist, cells=True).nodes(cell)[0])
+    cell = cell_indices("--between", numbers) if in_cells else None
+    try:
+        cell = tuple(space.locate(numbers).tolist()) if cell is None else cell
+        return int(TerminalReader(netlist, cells=True).nodes(cell)[0])
+    except InputError as error:
+        raise InputError(f"--between {place}: {error}") from None
 
 
 def _lines(data: dict[str, Any]) -> Iterable[str]:

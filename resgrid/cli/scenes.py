@@ -348,12 +348,15 @@ _REASONS = {
 """
 
 
-def report_ignored(job: Job, form: Form | Literal["chip"], *, k: Sequence[float] = ()) -> dict[str, list[str]]:
+def report_ignored(
+    job: Job, form: Form | Literal["chip"], *, k: Sequence[float] = (), wiring: rg.Wiring | None = None
+) -> dict[str, list[str]]:
     """Print the keys of a scene that a subcommand ignores, with reasons; return ``{"ignored": keys}`` for JSON.
 
     `form`: form of the circuit that the subcommand uses: "circuit" (all elements of the chip), "tiles" (array of
     subcircuits), "grid" (ideal grid), or "chip" if no key of the chip is ignored; `k`: weights k that the subcommand
-    ignores, for "grid".  Other forms are one circuit, which ignores all weights k of a scene with several.
+    ignores, for "grid".  Other forms are one circuit, which ignores all weights k of a scene with several; `wiring`:
+    wiring of this circuit, None for that of the problem's only circuit.
     """
     from resgrid.chip.build import keys_not_held
 
@@ -371,12 +374,14 @@ def report_ignored(job: Job, form: Form | Literal["chip"], *, k: Sequence[float]
             f"ignored: k = {', '.join(f'{weight:g}' for weight in k)}: this command uses one chip or one blend; choose "
             "it with --boundary or --k ('resgrid run' uses all)"
         )
-    wirings = problem.wirings.values() if form == "grid" else [problem.only_wiring()[1]]
-    drive = scene.drive is not None and not any(wiring.is_driven for wiring in wirings)
+    wirings = problem.wirings.values() if form == "grid" else [wiring or problem.only_wiring()[1]]
+    drive = scene.drive is not None and not any(each.is_driven for each in wirings)
     if drive:
-        say(f"ignored: drive = {scene.drive!r}: the obstacles are tied to a rail, which drives the grid")
+        no_need = any(each.has_islands for each in wirings)
+        why = "a resistance needs no drive" if no_need else "the obstacles are tied to a rail, which drives the grid"
+        say(f"ignored: drive = {scene.drive!r}: {why}")
     wall = form != "chip" and scene.chip.wall_resistance is not None
-    if wall and not any(wiring.boundary == "wall" for wiring in wirings):
+    if wall and not any(each.boundary == "wall" for each in wirings):
         keys.append("chip.wall_resistance")
         say("ignored: chip.wall_resistance: it only applies with boundary = 'wall'")
     return {"ignored": [*keys, *(["k"] if k else []), *(["drive"] if drive else [])]}

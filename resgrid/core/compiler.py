@@ -45,20 +45,14 @@ from numpy.typing import NDArray
 from resgrid._internal.memory import FEWER_CELLS, Remedy, require_grid_memory
 from resgrid.core.cell import Cell
 from resgrid.core.cell_map import CellMap
+from resgrid.core.drive_checks import NO_GOAL, WALLED_IN
 from resgrid.core.lattice import SQUARE, require_square
 from resgrid.core.lattice_compiler import compile_lattice
 from resgrid.core.netlist import GROUND, MOST_NODES, Netlist
-from resgrid.core.regions import cells_at_faces, face_counts, face_shape, sides_of_cells, slab, with_margin
+from resgrid.core.regions import cells_at_faces, face_counts, face_shape, slab, with_margin
 from resgrid.core.space import ConfigurationSpace
 from resgrid.core.wiring import Wiring, WiringOptions, wiring_of
 from resgrid.errors import CircuitError, InputError
-
-NO_GOAL = "the space has no goal cell: add a goal, or make it at least one cell large"
-WALLED_IN = "nothing is driven: no free cell is connected to a goal; move the goal or open a path to it"
-FLAT = (
-    "nothing is driven: no free cell that is connected to a goal touches an obstacle, or an edge that counts as one; "
-    "add an obstacle, set edge = 'obstacle', or choose boundary = 'neumann'"
-)
 
 _NO_NODE = -1
 _PEAK = 80
@@ -87,7 +81,7 @@ def compile_space(space: ConfigurationSpace, wiring: Wiring | None = None, **opt
     Parameters
     ----------
     space : ConfigurationSpace
-        Space with one to four axes and at least one goal cell.
+        Space with one to four axes and, unless the drive is ``"none"``, at least one goal cell.
     wiring : Wiring, optional
         Boundary conditions, drive and element values.  By default obstacles are at 1 V, goals at 0 V, and neighbours
         are connected by 10 kohm.
@@ -116,10 +110,19 @@ def compile_space(space: ConfigurationSpace, wiring: Wiring | None = None, **opt
     array([0.001, 0.001, 0.001])
     >>> rg.compile_space(space, boundary="neumann").current_amps
     array([5.e-05, 5.e-05])
+
+    Open obstacles leave free cells without a path to a goal out of the circuit.  A circuit for effective resistances
+    contains them, and needs no goal:
+
+    >>> parts = rg.ConfigurationSpace([rg.Axis("x", 0.0, 5.0, 5)], [0, 0, 1, 0, 2])
+    >>> rg.compile_space(parts, boundary="neumann").cells.node
+    array([-1, -1, -1,  2,  1], dtype=int32)
+    >>> rg.compile_space(parts, boundary="neumann", drive="none").cells.node
+    array([ 2,  3, -1,  4,  1], dtype=int32)
     """
     wiring = wiring_of(wiring, options).on(space)
     require_netlist_memory(space.shape, has_leak=wiring.leak > 0)
-    if not space.goal_count:
+    if not space.goal_count and wiring.drive != "none":
         raise InputError(NO_GOAL)
     if wiring.lattice != SQUARE:
         return compile_lattice(space, wiring)
@@ -145,34 +148,6 @@ def compile_space(space: ConfigurationSpace, wiring: Wiring | None = None, **opt
     for column in columns:
         column.flags.writeable = False  # otherwise the netlist would copy it
     return Netlist(nodes.count, *columns, cell_map=cell_map)
-
-
-def why_undriven(space: ConfigurationSpace, wiring: Wiring) -> str | None:
-    """Return a message why no current flows through any free cell, from connectivity alone; None if current flows."""
-    edges = wiring.edges(space)
-    if not space.goal_connected.any():
-        return WALLED_IN
-    if wiring.start is not None:
-        start = tuple(wiring.start)
-        reached = bool(space.goal_connected[start])
-        return None if reached else f"nothing is driven: no path of free cells joins the start cell {start} to a goal"
-    if wiring.drive == "uniform" or wiring.leak:
-        return None
-    return None if touches_obstacle(space, edges, space.goal_connected) else FLAT
-
-
-def touches_obstacle(space: ConfigurationSpace, edges: Sequence[str], cells: NDArray[np.bool_]) -> bool:
-    """Return whether any of the given cells touches an obstacle cell, or an edge that counts as an obstacle.
-
-    `edges`: ``"obstacle"``, ``"open"`` or ``"periodic"`` per axis; `cells` (shape of the space): the given cells as a
-    mask.
-    """
-    for axis, rule in enumerate(edges):
-        obstacle = with_margin(space.cell == Cell.OBSTACLE, space.periodic, beyond=rule == "obstacle")
-        lower, upper = cells_at_faces(obstacle, axis)
-        if np.any(cells & (sides_of_cells(lower, axis)[0] | sides_of_cells(upper, axis)[1])):
-            return True
-    return False
 
 
 def require_netlist_memory(shape: tuple[int, ...], remedy: Remedy = FEWER_CELLS, *, has_leak: bool = False) -> None:
@@ -204,10 +179,10 @@ def _number_nodes(space: ConfigurationSpace, wiring: Wiring, kind: NDArray[np.ui
     numbers = np.arange(first, first + count, dtype=np.int32)
     node[own] = numbers
     free = numbers if wiring.rails == "merged" else node[own & (space.cell == Cell.FREE)]
-    if goals:
+    if wiring.rails == "merged":
         node[space.cell == Cell.OBSTACLE] = _NO_NODE if wiring.is_open else obstacle
         goal = space.cell == Cell.GOAL
-        node[goal] = np.array(goals)[space.goal_region[goal]]
+        node[goal] = np.array(goals, dtype=np.int32)[space.goal_region[goal]]
     return _Nodes(node, free, obstacle, goals, first + count)
 
 
@@ -322,16 +297,16 @@ def contacts_of_box(
     """Return the contacts of a box: resistors between neighbouring cells, rail cells and edges included.
 
     `wiring`: complete wiring, from ``wiring.on(space)``; `box`: range (first, end), without end, of cells along each of
-    the first axes, the other axes are complete; `connected`: with open obstacles, True leaves free cells that are not
-    connected to a goal without a node, and False gives every free cell a node.
+    the first axes, the other axes are complete; `connected`: with open obstacles and a drive or leak, True leaves free
+    cells that are not connected to a goal without a node, and False gives every free cell a node.
     """
     require_square(wiring.lattice, "this computation of currents through cell faces")
     code = with_margin(space.cell, space.periodic, box, beyond=Cell.OBSTACLE)
     high, low = (CellRole.HIGH, CellRole.LOW) if wiring.rails == "merged" else (CellRole.NODE, CellRole.NODE)
-    is_open = wiring.is_open
-    free = CellRole.NONE if is_open and connected else CellRole.NODE
-    kind = np.array((free, CellRole.NONE if is_open else high, low), dtype=np.uint8)[code]
-    if is_open and connected:
+    leaves_out = wiring.is_open and connected and not wiring.has_islands
+    free = CellRole.NONE if leaves_out else CellRole.NODE
+    kind = np.array((free, CellRole.NONE if wiring.is_open else high, low), dtype=np.uint8)[code]
+    if leaves_out:
         kind = np.where(with_margin(space.goal_connected, space.periodic, box), np.uint8(CellRole.NODE), kind)
     ranges = [*box, *((0, size) for size in space.shape[len(box) :])]
     for axis, (size, (first, last)) in enumerate(zip(space.shape, ranges, strict=True)):

@@ -33,6 +33,7 @@ from numpy.typing import NDArray
 
 from resgrid._internal.memory import require_grid_memory
 from resgrid.core.cell import Cell
+from resgrid.core.drive_checks import WALLED_IN
 from resgrid.core.lattice import Lattice
 from resgrid.core.lattice_map import LatticeMap
 from resgrid.core.lattices import lattice_of
@@ -59,7 +60,7 @@ class _Links(NamedTuple):
 
 
 def compile_lattice(space: ConfigurationSpace, wiring: Wiring) -> Netlist:
-    """Return the netlist of a lattice over a space with a goal; `wiring`: complete wiring, from ``wiring.on(space)``.
+    """Return the netlist of a lattice over a space; `wiring`: complete wiring, from ``wiring.on(space)``.
 
     The order of the nodes is ground, obstacle rail, goal rails, sites in C order.
     """
@@ -67,10 +68,10 @@ def compile_lattice(space: ConfigurationSpace, wiring: Wiring) -> Netlist:
     require_grid_memory(lattice.shape, "compiling the lattice", _PEAK * len(lattice.steps))
     code = lattice.at_sites(space.cell)
     own = code == Cell.FREE
-    if wiring.is_open:
+    if wiring.is_open and not wiring.has_islands:
         own &= lattice.at_sites(space.goal_connected)
     if wiring.drive == "uniform" and not own.any():
-        raise CircuitError("nothing is driven: no free cell is connected to a goal; move the goal or open a path to it")
+        raise CircuitError(WALLED_IN)
     parts = [_no_links()]  # rings of a single cell have no steps
     parts += [_resistors(lattice, wiring, own, step) for step in range(len(lattice.steps))]
     if not wiring.is_open:

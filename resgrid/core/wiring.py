@@ -18,6 +18,7 @@ from resgrid.errors import CircuitError, InputError, suggestion
 
 Boundary = Literal["dirichlet", "neumann", "wall"]
 Drive = Literal["uniform", "start"]
+WiringDrive = Literal["uniform", "start", "none"]
 EdgeRule = Literal["obstacle", "open", "periodic"]
 Rails = Literal["merged", "cells"]
 
@@ -40,7 +41,7 @@ class WiringOptions(TypedDict, total=False):
     """
 
     boundary: Boundary | None
-    drive: Drive | None
+    drive: WiringDrive | None
     edge: EdgeRule | Sequence[EdgeRule] | None
     rails: Rails
     resistance: float | None
@@ -64,9 +65,11 @@ class Wiring:
     boundary : {"dirichlet", "neumann", "wall"}
         Boundary condition at obstacles: connected to the obstacle rail, open, or connected to the rail through
         `wall_resistance` (a Robin condition).
-    drive : {"uniform", "start"}, optional
+    drive : {"uniform", "start", "none"}, optional
         Source of current with open obstacles: equal currents into all goal-connected free nodes (default), or the start
         cell tied to the high rail.  None for other boundary conditions, and for open obstacles with a leak.
+        ``"none"``, for any boundary condition, is the drive of circuits for effective resistances: no current source
+        and no driven start, a node for every free cell, goal-connected or not, and no need for a goal.
     edge : {"obstacle", "open"} or a sequence of these
         Boundary condition at the edge of the grid, for all axes or per axis: the edge acts as an obstacle, or is open.
         Periodic axes have no edge; their entry is ignored, and may also be ``"periodic"``.
@@ -109,7 +112,7 @@ class Wiring:
     """
 
     boundary: Boundary = "dirichlet"
-    drive: Drive | None = None
+    drive: WiringDrive | None = None
     edge: EdgeRule | Sequence[EdgeRule] = "obstacle"
     rails: Rails = "merged"
     resistance: float = 10e3
@@ -134,6 +137,13 @@ class Wiring:
 
     def _check_drive(self) -> None:
         """Raise InputError unless the fields `drive` and `start` fit the boundary condition."""
+        if self.drive == "none":
+            if self.start is not None:
+                raise InputError(
+                    f"drive = 'none' has no driven start, but start = {self.start!r}; leave out start, or choose "
+                    "drive = 'start'"
+                )
+            return
         if self.boundary != "neumann":
             if self.drive is not None or self.start is not None:
                 raise InputError(
@@ -189,7 +199,12 @@ class Wiring:
     @property
     def is_driven(self) -> bool:
         """Whether current sources or a start cell drive the grid, in place of an obstacle rail."""
-        return self.is_open and not self.leak
+        return self.is_open and not self.leak and self.drive != "none"
+
+    @property
+    def has_islands(self) -> bool:
+        """Whether obstacles are open, and free cells that are not connected to a goal have nodes (drive ``"none"``)."""
+        return self.is_open and self.drive == "none"
 
     @property
     def high(self) -> float:
@@ -300,8 +315,8 @@ def wiring_of(wiring: Wiring | None, options: Mapping[str, Any], default: Mappin
 
     `wiring`: wiring to change, None for a new wiring from the fields `default`; `options`: new values of fields by
     name; None keeps the old value; `default`: fields of a new wiring, by name.  If `options` change the boundary
-    condition of `wiring`, the fields ``drive`` and ``start`` are reset to None, and ``wall_resistance`` to the value in
-    `default`, or None.  A leak in `options` replaces a uniform drive.
+    condition of `wiring`, the fields ``drive`` (unless it is ``"none"``) and ``start`` are reset to None, and
+    ``wall_resistance`` to the value in `default`, or None.  A leak in `options` replaces a uniform drive.
     """
     _check_names(options)
     given = {name: value for name, value in options.items() if value is not None}
@@ -312,7 +327,8 @@ def wiring_of(wiring: Wiring | None, options: Mapping[str, Any], default: Mappin
     if given.get("boundary", wiring.boundary) == wiring.boundary:
         return replace(wiring, **given)
     wall = (default or {}).get("wall_resistance")
-    return replace(wiring, **{**_NO_OPTIONS_OF_BOUNDARY, "wall_resistance": wall, **given})
+    drive = "none" if wiring.drive == "none" else None
+    return replace(wiring, **{**_NO_OPTIONS_OF_BOUNDARY, "drive": drive, "wall_resistance": wall, **given})
 
 
 def _check_names(options: Iterable[str]) -> None:

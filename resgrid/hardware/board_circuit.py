@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.solve import solve
 from resgrid.core.cell import Cell
-from resgrid.core.compiler import compile_space, why_undriven
+from resgrid.core.compiler import compile_space
+from resgrid.core.drive_checks import why_undriven
 from resgrid.core.netlist import Netlist
 from resgrid.core.regions import crossed_faces
 from resgrid.core.space import ConfigurationSpace

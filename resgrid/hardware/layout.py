@@ -14,6 +14,7 @@ from resgrid._internal.values import frozen
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.solve import solve
 from resgrid.core.compiler import compile_space
+from resgrid.core.drive_checks import require_drive
 from resgrid.core.lattice import require_square
 from resgrid.core.netlist import Netlist
 from resgrid.core.space import ConfigurationSpace
@@ -254,6 +255,7 @@ def build_layout(
 def _drawable_wiring(space: ConfigurationSpace, wiring: Wiring) -> Wiring:
     """Return the wiring with merged rails; raise InputError if the space or the wiring cannot be drawn as a layout."""
     require_square(wiring.lattice, "a layout")
+    require_drive(wiring, "a layout")
     if space.ndim != 2:
         raise InputError(f"a layout needs a space of two axes, and this space has {space.ndim}; choose another scene")
     for axis in space.axes:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.core.cell import Cell
-from resgrid.core.compiler import touches_obstacle
+from resgrid.core.drive_checks import touches_obstacle
 from resgrid.core.regions import label_regions
 from resgrid.core.space import ConfigurationSpace
 from resgrid.core.wiring import Wiring

@@ -86,7 +86,7 @@ class Field:
 
     def __repr__(self) -> str:
         wiring, cells = self.wiring, " x ".join(map(str, self.space.shape))
-        drive = f", driven by {wiring.drive}" if wiring.drive else f", leak {wiring.leak:g}" if wiring.leak else ""
+        drive = f", driven by {wiring.drive}" if wiring.is_driven else f", leak {wiring.leak:g}" if wiring.leak else ""
         return f"<Field on {cells} cells: {self.boundary}{drive}, k = {self.k:g}>"
 
     _repr_html_ = picture_html

@@ -92,7 +92,7 @@ class LatticeField:
 
     def __repr__(self) -> str:
         sites = " x ".join(map(str, self.lattice.shape))
-        drive = f", driven by {self.wiring.drive}" if self.wiring.drive else ""
+        drive = f", driven by {self.wiring.drive}" if self.wiring.is_driven else ""
         return f"<LatticeField on {sites} sites: {self.lattice.name}, {self.boundary}{drive}, k = {self.k:g}>"
 
     _repr_html_ = picture_html

@@ -30,7 +30,8 @@ from resgrid._internal.files import temporary_folder
 from resgrid._internal.memory import require_disk, require_memory
 from resgrid._internal.values import frozen
 from resgrid.core.cell import Cell
-from resgrid.core.compiler import FLAT, NO_GOAL, WALLED_IN, CellRole, contacts_of_box
+from resgrid.core.compiler import CellRole, contacts_of_box
+from resgrid.core.drive_checks import FLAT, NO_GOAL, WALLED_IN
 from resgrid.core.regions import by_axis, cells_at_faces, face_counts, sides_of_cells, with_margin
 from resgrid.core.space import ConfigurationSpace
 from resgrid.core.wiring import Wiring

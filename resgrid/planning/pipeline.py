@@ -18,7 +18,8 @@ from resgrid._internal.validation import with_article
 from resgrid._internal.values import frozen
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.solve import PETSC, normalize_drive, solve
-from resgrid.core.compiler import NO_GOAL, compile_space, why_undriven
+from resgrid.core.compiler import compile_space
+from resgrid.core.drive_checks import NO_GOAL, require_drive, why_undriven
 from resgrid.core.lattice import require_square
 from resgrid.core.netlist import Netlist
 from resgrid.core.space import ConfigurationSpace
@@ -123,6 +124,9 @@ class Problem:
     starts: NDArray[np.float64]
     start_driven: bool = False
 
+    def __post_init__(self) -> None:
+        require_drive(self.wiring, "planning")
+
     @property
     def halves(self) -> dict[float, Wiring]:
         """Wirings by weight k: 1 (obstacles on the rail, through wall resistances if any) and 0 (open obstacles)."""
@@ -158,20 +162,31 @@ class Problem:
             raise CircuitError(why)
         return name, wiring
 
+    def wiring_without_drive(self) -> Wiring:
+        """Return the wiring of the problem's only circuit with the drive "none", for effective resistances.
+
+        A start that drives the circuit is left out.  Raise InputError for a blend of two circuits.
+        """
+        return replace(self._single(), drive="none", start=None)
+
+    def _single(self) -> Wiring:
+        """Return the wiring of the problem, or for a single k of its circuit; raise InputError for a blend."""
+        if len(self.ks) != 1:
+            return self.wiring
+        if self.ks[0] not in self.halves:
+            raise InputError(
+                f"k = {self.ks[0]} blends the fields of two circuits, but one circuit is needed here: choose "
+                "boundary = 'dirichlet' or 'neumann' ('resgrid run' solves both and blends their fields)"
+            )
+        return self.halves[self.ks[0]]
+
     def _only(self) -> tuple[str, Wiring]:
         """Return name and wiring of the problem's only circuit, which may carry no current.
 
         The name is that of the boundary, or ``neumann_start_N`` if start N drives the circuit.  Raise InputError if the
         problem has several circuits: a blend, or several starts that drive a circuit each.
         """
-        wiring = self.wiring
-        if len(self.ks) == 1:
-            if self.ks[0] not in self.halves:
-                raise InputError(
-                    f"k = {self.ks[0]} blends the fields of two circuits, but one circuit is needed here: choose "
-                    "boundary = 'dirichlet' or 'neumann' ('resgrid run' solves both and blends their fields)"
-                )
-            wiring = self.halves[self.ks[0]]
+        wiring = self._single()
         if wiring.boundary != "neumann" or not self.start_driven:
             return wiring.boundary, wiring
         if len(self.starts) != 1:

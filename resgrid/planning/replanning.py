@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from resgrid.core.compiler import NO_GOAL, why_undriven
+from resgrid.core.drive_checks import NO_GOAL, why_undriven
 from resgrid.core.space import ConfigurationSpace
 from resgrid.core.wiring import Wiring
 from resgrid.errors import InputError

@@ -171,7 +171,7 @@ def test_rejected_inputs_name_the_remedy() -> None:
         ("node node_1 has the log_drop -inf", op, "log_drop", {"at": 1}),
         ("no log_drop: exactly two known voltages", open_, "log_drop", {"at": (1,), "cells": True}),
         ("no log_drop: exactly two known voltages", open_, "collision_probability", {"at": (1,), "cells": True}),
-        ("cell \\(4,\\) has no node", open_, "voltage", {"at": (4,), "cells": True}),
+        ("cell \\(4,\\) is free, but has no path to a goal and", open_, "voltage", {"at": (4,), "cells": True}),
         ("node node_2 floats", floating, "voltage", {"at": 2}),
         ("not compiled from a space", op, "path_cost", {"at": 3}),
         ("leave out cost, or choose of = 'path_cost'", op, "voltage", {"at": 3, "cost": [1.0]}),

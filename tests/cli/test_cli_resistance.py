@@ -13,6 +13,9 @@ import resgrid as rg
 
 DECK = "a ladder\nv1 vdd 0 1.8\nr1 vdd a 10\nr2 a b 10\nrload b 0 1k\nr9 c d 5\n.op\n.end\n"
 
+OPEN = ("room.toml", "--boundary", "neumann")
+CHIP = ("room.toml", "--set", "chip.mismatch=0.05")
+
 
 HEAD = "ncols 3\nnrows 1\nxllcorner 0\nyllcorner 0\ncellsize 1\n"
 
@@ -75,6 +78,38 @@ def test_places_of_a_scene() -> None:
     netlist = rg.compile_space(rg.build_space(rg.read_scene("room.toml")), boundary="neumann", resistance=1.0)
     expected = rg.effective_resistance(netlist, [((0, 0), (2, 3))], cells=True).resistance[0]
     assert world["pairs"][0]["resistance"] == pytest.approx(expected, rel=1e-12)
+
+
+def test_cells_without_a_path_to_a_goal_are_part_of_the_circuit() -> None:
+    """The wall of the room separates column 5 from the goal."""
+    words = ("resistance", "room.toml", "--boundary", "neumann", "--resistance", "1", "--cells", "--json")
+    apart = call(*words, "--between", "0,0", "5,4")
+    assert apart.exit_code == 1 and json.loads(apart.stdout)["pairs"][0]["connected"] is False
+    inside = call(*words, "--between", "5,0", "5,4")
+    assert inside.exit_code == 0 and json.loads(inside.stdout)["pairs"][0]["resistance"] == pytest.approx(4.0)
+
+
+def test_a_resistance_needs_neither_a_drive_nor_a_goal() -> None:
+    np.save("free.npy", np.zeros((6, 1), dtype=np.uint8))
+    line = ("resistance", "free.npy", "--cells", "--edge", "open", "--resistance", "1", "--between", "0,0", "5,0")
+    for options in ((), ("--goal", "2,0"), ("--boundary", "neumann"), ("--boundary", "neumann", "--lattice", "square")):
+        result = call(*line, *options, "--json")
+        assert result.exit_code == 0, result.stderr
+        assert json.loads(result.stdout)["pairs"][0]["resistance"] == pytest.approx(5.0)
+    driven = call(*line, "--goal", "2,0", "--boundary", "neumann", "--drive", "start", "--start", "0,0", "--json")
+    data = json.loads(driven.stdout)
+    assert data["pairs"][0]["resistance"] == pytest.approx(5.0) and data["ignored"] == ["drive"]
+    assert "ignored: drive = 'start': a resistance needs no drive" in driven.stderr
+    chip = call(*line, "--boundary", "neumann", "--set", "chip.internodal_switch_on=2", "--json")
+    assert json.loads(chip.stdout)["pairs"][0]["resistance"] == pytest.approx(5 * 3.0)
+
+
+def test_rails_cells_and_equal_places_are_terminals() -> None:
+    words = ("resistance", "room.toml", "--cells", "--json")
+    pairs = (("3,3", "4,2"), ("0,0", "0,0"), ("0,0", "3,3"), ("0,0", "goal_0"), ("0,0", "obstacle"))
+    result = call(*words, *(word for pair in pairs for word in ("--between", *pair)))
+    ohms = [pair["resistance"] for pair in json.loads(result.stdout)["pairs"]]
+    assert result.exit_code == 0 and ohms[:2] == [0.0, 0.0] and ohms[2] == ohms[3] == ohms[4] > 0
 
 
 def test_a_circuitscape_job() -> None:
@@ -157,6 +192,19 @@ def test_unconnected_points_of_a_job_are_null_in_json() -> None:
         (["deck.sp", "--between", "a", "b", "-o", "r.txt"], "cannot write effective resistances as 'r.txt'"),
         (["room.toml", "--between", "1,2,3", "4,4"], "--between 1,2,3: a place of this scene has 2 coordinates"),
         (["room.toml", "--cells", "--between", "1.5,2", "4,4"], "give whole numbers"),
+        (
+            ["room.toml", "--cells", "--between", "9,9", "4,4"],
+            "--between 9,9: the space has no cell (9, 9); its cells are",
+        ),
+        (["room.toml", "--between", "9,9", "4,4"], "--between 9,9: the point (9.0, 9.0) lies outside the grid"),
+        (["room.toml", "--between", "1,1", " "], "--between: a terminal is empty"),
+        ([*OPEN, "--cells", "--between", "4,2", "3,3"], "--between 4,2: cell (4, 2) is an open obstacle"),
+        ([*OPEN, "--between", "goal_0", "obstacle"], "no node 'obstacle'; obstacles are open"),
+        (
+            [*CHIP, "--between", "1,1", "goal_0"],
+            "no node 'goal_0'; each of its cells is a node of its own here, such as n_3_3",
+        ),
+        ([*CHIP, "--between", "1,1", "goal_1"], "no node 'goal_1'; some of its nodes are"),
         (["job.ini", "--between", "1", "2"], "leave --between out"),
         (["wrong.ini"], "Circuitscape has no key 'scenari'; did you mean 'scenario'?"),
         (["missing.ini"], "missing.ini"),

@@ -11,7 +11,7 @@ import resgrid as rg
 
 
 def expected_conductances(
-    space: rg.ConfigurationSpace, boundary: str, edge: str, wall: float
+    space: rg.ConfigurationSpace, boundary: str, edge: str, wall: float, drive: str | None = None
 ) -> dict[tuple[str, str], float]:
     """Return the total conductance between named nodes at R = 1, by the documented rules, cell by cell."""
     spacing = space.spacing
@@ -20,7 +20,8 @@ def expected_conductances(
 
     def name(cell: tuple[int, ...]) -> str | None:
         if space.cell[cell] == rg.Cell.FREE:
-            return "n_" + "_".join(map(str, cell)) if boundary != "neumann" or space.goal_connected[cell] else None
+            kept = boundary != "neumann" or drive == "none" or space.goal_connected[cell]
+            return "n_" + "_".join(map(str, cell)) if kept else None
         if space.cell[cell] == rg.Cell.GOAL:
             return f"goal_{space.goal_region[cell]}"
         return None if boundary == "neumann" else "obstacle"
@@ -87,6 +88,24 @@ def test_conductances_of_random_spaces_equal_the_documented_rules(
     assert all(np.isclose(found[key], expected[key], rtol=1e-12) for key in expected)
 
 
+@given(
+    spaces(), st.sampled_from(["dirichlet", "neumann", "wall"]), st.sampled_from(["obstacle", "open"]), st.booleans()
+)
+def test_without_a_drive_every_free_cell_has_a_node(
+    space: rg.ConfigurationSpace, boundary: str, edge: str, has_goal: bool
+) -> None:
+    if not has_goal:
+        space = space.with_cells(np.where(space.cell == rg.Cell.GOAL, np.uint8(rg.Cell.FREE), space.cell))
+    wall = 3.0 if boundary == "wall" else 0.0
+    options = {"wall_resistance": wall} if boundary == "wall" else {}
+    netlist = rg.compile_space(space, boundary=boundary, edge=edge, resistance=1.0, drive="none", **options)
+    assert (netlist.cells.node[space.cell == rg.Cell.FREE] >= 0).all() and not netlist.current_amps.size
+    expected = expected_conductances(space, boundary, edge, wall, drive="none")
+    found = compiled_conductances(netlist)
+    assert found.keys() == expected.keys()
+    assert all(np.isclose(found[key], expected[key], rtol=1e-12) for key in expected)
+
+
 def test_uniform_drive_injects_equal_currents_into_all_connected_nodes() -> None:
     cell = np.zeros((4, 4))
     cell[0, 0] = 2
@@ -114,6 +133,7 @@ def test_rails_cells_gives_every_rail_cell_its_own_source() -> None:
         ({"drive": "uniform"}, "drive"),
         ({"boundary": "neumann", "drive": "start"}, "start cell"),
         ({"boundary": "neumann", "start": (0, 0)}, "start cell"),
+        ({"boundary": "neumann", "drive": "none", "start": (0, 0)}, "leave out start"),
         ({"boundary": "neumann", "drive": "start", "start": (9, 9)}, "not in the grid"),
         ({"boundary": "neumann", "drive": "start", "start": (1, 1)}, "obstacle"),
         ({"boundary": "neumann", "drive": "start", "start": (3, 3)}, "no path"),

@@ -91,8 +91,9 @@ def rail_pin(netlist: Netlist, rail: str) -> tuple[Netlist, int]:
     """Return the netlist with the supply pin of a rail, and the node number of the pin.
 
     The pin is the node at which the supply feeds the rail.  If the rail has no pin, a node is added as the pin, with a
-    voltage source to ground at the voltage of the rail.  With a uniform drive, an added pin of the obstacle rail is at
-    the goal voltage.  `netlist`: circuit of a space; `rail`: ``"obstacle"`` or ``"goal"``.
+    voltage source to ground at the voltage of the rail.  With open obstacles and the drive "uniform" or "none", an
+    added pin of the obstacle rail is at the goal voltage.  `netlist`: circuit of a space; `rail`: ``"obstacle"`` or
+    ``"goal"``.
     """
     cells = cells_with_nodes(netlist, "rails")
     wiring = cells.wiring
@@ -101,7 +102,8 @@ def rail_pin(netlist: Netlist, rail: str) -> tuple[Netlist, int]:
         return netlist, known
     netlist, (node,) = add_nodes(netlist, 1)
     pin = int(node)
-    volts = wiring.high if rail == "obstacle" and wiring.drive != "uniform" else wiring.goal_voltage
+    is_high = rail == "obstacle" and wiring.drive != "uniform" and not wiring.has_islands
+    volts = wiring.high if is_high else wiring.goal_voltage
     changed: dict[str, Any] = {"obstacle_node": pin} if rail == "obstacle" else {"goal_nodes": (pin,)}
     netlist = add_elements(netlist, "voltage source", [pin, GROUND], volts)
     return netlist.replace(cell_map=dataclasses.replace(cells, **changed)), pin

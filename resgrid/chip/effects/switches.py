@@ -50,7 +50,7 @@ class InternodalSwitches(Effect):
     `on`: resistance of a closed switch in ohms, None for a wire; `off`: resistance of an open switch in ohms, None for
     no connection.  Open obstacles are those of ``boundary="neumann"``; with other boundaries `off` has no effect.
 
-    With open obstacles and a value of `off`, obstacle cells and cells without a path to a goal get nodes.  The
+    With open obstacles and a value of `off`, obstacle cells and free cells without a node get nodes.  The
     resistors to these new nodes, leaks included, keep their nominal values, without mismatch.  These resistors are
     assigned to no cell face, so that a field does not include the leakage current through them.
     """
@@ -97,7 +97,7 @@ def _between_cells(netlist: Netlist, cells: CellMap) -> NDArray[np.bool_]:
 
 
 def _with_open_nodes(netlist: Netlist, on: float, off: float) -> Netlist:
-    """Return the netlist with new nodes for obstacles and for cells without a path to a goal, for open obstacles.
+    """Return the netlist with new nodes for obstacles and other cells without a node, for open obstacles.
 
     A resistor in series with an open switch connects a new node to the node of each face neighbour.  The existing
     resistors of the grid get closed switches in series.  `on, off`: resistances of closed and open switches, in ohms.
@@ -109,7 +109,7 @@ def _with_open_nodes(netlist: Netlist, on: float, off: float) -> Netlist:
     node = cells.node.copy()
     node[missing] = nodes
     edge: list[EdgeRule] = ["open" if rule == "obstacle" else rule for rule in cells.wiring.edges(cells.space)]
-    full = compile_space(cells.space, edge=edge, rails="cells", resistance=cells.wiring.resistance)
+    full = compile_space(cells.space, edge=edge, rails="cells", resistance=cells.wiring.resistance, drive="none")
     ends = full.cell_of_node()[full.resistor_nodes]
     new = ~np.isin(full.cells.resistor_face, cells.resistor_face)
     netlist = netlist.replace(cell_map=dataclasses.replace(netlist.cells, node=node))

@@ -20,6 +20,7 @@ from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.solve import solve
 from resgrid.core.cell import Cell
 from resgrid.core.compiler import compile_space
+from resgrid.core.drive_checks import require_drive
 from resgrid.core.netlist import Netlist
 from resgrid.core.regions import face_counts
 from resgrid.core.wiring import EdgeRule, Wiring
@@ -162,6 +163,7 @@ def tiles_of(netlist: Netlist, chip: Chip) -> Tiles:
     switch in series; elsewhere it is nominal.  Raises InputError if the netlist is not an array of tiles.
     """
     space, wiring = netlist.cells.space, netlist.cells.wiring
+    require_drive(wiring, "an array of tiles")
     if wiring.leak:
         raise InputError(
             f"leak = {wiring.leak:g}: a tile has no leak resistor; write a flat deck, or set leak = 0 (an open switch "
