@@ -1,5 +1,6 @@
-"""Causes of yield loss: the yield with each effect of a chip switched off in turn, and limits of its errors.
+"""Causes of yield loss: the yield with each effect of a chip switched off in turn, and limits of three errors.
 
+The limits are the largest mismatch, the largest offset and the fewest bits with which the yield reaches a target.
 All chips share their random numbers (common random numbers): trial ``k`` is the same chip with and without an effect,
 so that the difference of two yields has a much smaller variance than each yield.
 """
@@ -153,7 +154,7 @@ class YieldLoss(Result):
 
         Keys: the names of `figures`, each with a dictionary of ``value``, ``unit`` and ``definition``; ``causes`` and
         ``limits``: lists of dictionaries with the fields of `Cause` and `Limit`; ``target``: yield to reach;
-        ``trials``: number of chips per variant; ``confidence``: of the intervals.
+        ``trials``: number of chips per variant; ``confidence``: confidence of the intervals.
         """
         return {
             **super().to_json(),
@@ -175,11 +176,14 @@ def analyse_yield_loss(
     executor: Executor | None = None,
     progress: Progress | None = None,
 ) -> YieldLoss:
-    """Estimate the yield without each effect of a chip, and the limits of its errors; return them as a YieldLoss.
+    """Estimate the yield without each effect of a chip, and the limits of three errors; return them as a YieldLoss.
 
-    `netlist`: ideal circuit; `chip`: chip description; `target`: yield that the limits reach; `trials`: number of chips
-    for each variant of the description, None for 16 to 400, fewer for larger spaces; `confidence`: of the intervals,
-    between 0 and 1;
+    The limits are the largest mismatch, the largest offset and the fewest bits with which the yield reaches `target`,
+    each with all other values of the chip unchanged.
+
+    `netlist`: ideal circuit, compiled from a space; `chip`: chip description; `target`: yield to reach, a fraction;
+    `trials`: number of chips for each variant of the description, None for 16 to 400, fewer for spaces with more cells;
+    `confidence`: confidence of the intervals, between 0 and 1;
     `executor`: workers, None for this process; `progress`: function called after each variant, with the number of
     finished trials, the expected number, and the yield of the variant.
     """
@@ -238,7 +242,7 @@ def analyse_yield_loss(
 
 
 def usual_trials(space: ConfigurationSpace) -> int:
-    """Return the default number of chips for each variant of a description: 16 to 400, fewer for larger spaces."""
+    """Return the default number of chips for each variant of a description: 16 to 400, fewer for more cells."""
     return min(_MOST_TRIALS, max(_LEAST_TRIALS, _CELLS // space.cell.size))
 
 

@@ -2,9 +2,9 @@
 
 Examples are large conductances to a rail, dead ends, balanced bridges and opposed sources.  The true currents there may
 be many orders of magnitude below the conductance times the rounding error of a voltage.  Circuits whose factors have at
-most 10,000 entries are solved in integers (`resgrid.circuit.cancellation`).  In larger ones the voltages are sums of
-corrections, each computed from the KCL residual of the sum before it.  The voltage difference across every resistor is
-accumulated separately in double-double, so that its relative error is small even where both voltages agree.
+most 10,000 entries are solved in integer arithmetic (`resgrid.circuit.cancellation`).  In larger ones the voltages are
+sums of corrections, each computed from the KCL residual of the sum before it.  The voltage difference across every
+resistor is accumulated separately in double-double, so that its relative error is small even where both voltages agree.
 """
 
 from __future__ import annotations
@@ -79,12 +79,17 @@ _NONE: Doubled = np.zeros(0), np.zeros(0)
 def recover_currents(system: Equations, pairs: Pairs = ()) -> tuple[RecoveredCurrents | None, DirectFactor | None]:
     """Return voltages and currents that obey KCL at every row (unknown voltage), and the factors of the matrix.
 
-    `system`: equations; `pairs`: pairs of nodes; a solution in integers also contains the voltage between both nodes.
+    KCL holds to within rounding errors, which are small relative to the currents at each row, except at nodes marked
+    as `unchecked`.  Both results are None if the factors exceed the memory; the factors are also None without rows.
 
-    Both results are None if the factors exceed the memory; the factors are also None without rows.  Circuits whose
-    factors have at most 10,000 entries are solved in integers.  Larger circuits, and all grids of cells with two rails,
-    or with one rail and source currents of one sign, are corrected in double-double; they are solved in integers if
-    these corrections do not converge.
+    Circuits whose factors have at most 10,000 entries are solved in integer arithmetic: each value is computed to 60
+    binary digits and rounded once to a double, and values below 2**-200 of the largest may be set to zero.  Larger
+    circuits, and all grids of cells with two rails, or with one rail and source currents of one sign, are corrected in
+    double-double.  They are solved in integers if these corrections do not converge and the factors have at most
+    2,000,000 entries.
+
+    `system`: equations; `pairs`: pairs of nodes; a solution in integers contains the voltages between both nodes as
+    `falls`, which is None after corrections in double-double.
     """
     if not system.size:
         return solve_in_integers(system, [], pairs), None

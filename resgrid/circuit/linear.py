@@ -203,11 +203,12 @@ def _may_cancel(system: Equations, solution: _Solution) -> bool:
 def _suggests_cancellation(system: Equations, point: OperatingPoint) -> bool:
     """Return whether voltages or currents may be small differences of large values.
 
-    `system`: equations; `point`: operating point before any recovery of currents.  The result is True for circuits
-    without cells of at most 500 nodes, for violations of KCL above 1e-6, and for floating sources that drive currents.
-    In circuits of at most 20,000 rows it is also True if voltage sources are in series, if sources drive currents of
-    both signs, or if the smallest conductance is below 1e-9 times the largest.  In larger circuits it is True if sums
-    of source voltages have large rounding errors (`_LARGEST_ROUNDING`).
+    `system`: equations; `point`: operating point, before the recovery of currents, i.e. before currents are computed
+    again without cancellation.  The result is True for circuits that have at most 500 nodes and were not compiled from
+    a space, for violations of KCL above 1e-6 of the current through the node, and for floating sources that drive
+    currents.  In circuits of at most 20,000 rows it is also True if voltage sources are in series, if sources drive
+    currents of both signs, or if the smallest conductance is below 1e-9 times the largest.  In larger circuits it is
+    also True if the rounding error of a sum of source voltages is above 1e-10 of the smallest source voltage.
     """
     forest, volts = system.forest, np.abs(system.netlist.source_volts)
     rounding, few = float(np.abs(forest.rounding).max(initial=0.0)), system.size <= EXACT_ROWS
@@ -223,7 +224,9 @@ def _suggests_cancellation(system: Equations, point: OperatingPoint) -> bool:
 
 
 def _recover(system: Equations, run: _Run, solution: _Solution) -> _Solution:
-    """Return the solution with recovered currents, or the given one if recovery fails or makes KCL worse.
+    """Return the solution with currents computed again without cancellation, or the given one if that fails.
+
+    The given solution is also returned if it is accurate and the new currents violate KCL more than its own.
 
     `system`: equations; `run`: options of the solve; `solution`: solution before the recovery.
     """

@@ -39,12 +39,13 @@ because the smaller sum has the smaller rounding error.
 class SourceForest:
     """Spanning forest of the voltage sources: sources are edges, and a tree joins nodes with known voltage differences.
 
-    `count`: number of nodes of the circuit; `order` (tied nodes,): ground and the nodes at sources, parents before
-    children; `base` (tied nodes,): root of the node's tree, which is ground in the tree of ground; `height`, `rounding`
-    (tied nodes,): voltage above the root as a double, and its rounding error, in volts; `parent`, `source` (tied
-    nodes,): parent node, and index of the source between node and parent; -1 for roots; `loop` (sources,): whether the
-    source belongs to a loop of sources; `exact`: exact voltages above the root by node number, in volts, for all tied
-    nodes but those with a single source, from the node to ground.
+    Tied nodes are ground and the nodes at sources.  `count`: number of nodes of the circuit; `order` (tied nodes,):
+    node numbers, parents before children; `base` (tied nodes,): node number of the root of the tree, which is ground in
+    the tree of ground; `height`, `rounding` (tied nodes,): voltage above the root as a double, and its rounding error,
+    in volts; `parent`, `source` (tied nodes,): node number of the parent, and index of the source between node and
+    parent; -1 for roots; `loop` (sources,): whether the source belongs to a loop of sources; `exact`: exact voltages
+    above the root by node number, in volts.  A node whose only source leads to ground is left out of `exact`, since its
+    `height` is exact.
     """
 
     count: int
@@ -87,7 +88,7 @@ class SourceForest:
 def tie_sources(netlist: Netlist) -> SourceForest:
     """Return the spanning forest of the voltage sources; raise CircuitError if sources of a loop contradict each other.
 
-    In ``SourceForest.order``, nodes with a single source, from the node to ground, come last.
+    In ``SourceForest.order``, nodes whose only source leads to ground come last.
     """
     nodes = netlist.source_nodes.max(axis=1)
     leaf = (netlist.source_nodes.min(axis=1) == GROUND) & (nodes != GROUND)

@@ -193,7 +193,7 @@ def _check_deck(source: CommandInput, limits: dict[str, Any]) -> Agreement:
 
 
 def _say_violations(violations: Sequence[Violation], severity: str) -> None:
-    """Print the violations of electrical rules that have a severity, "warning" or "error"."""
+    """Print only the violations of electrical rules whose severity equals `severity`, "warning" or "error"."""
     for violation in violations:
         if violation.severity == severity:
             say(f"  {violation}")

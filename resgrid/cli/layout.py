@@ -21,7 +21,10 @@ PROCESSES = tuple(process_names())
 """Names of all pairs of a process and one of its resistors, such as ``ihp-sg13g2:rppd``."""
 
 DRAWN = ("process", "corner", "width")
-"""Keys of the ``[chip]`` table that the ideal grid ignores and a layout applies; a layout ignores the other ones."""
+"""Keys of the ``[chip]`` table that an ideal netlist ignores, but a layout applies.
+
+A layout ignores all other keys that an ideal netlist ignores.
+"""
 
 SHOWN_PADS = 8
 """Largest number of pads whose places are printed in the floor plan."""

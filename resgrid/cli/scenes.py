@@ -211,7 +211,7 @@ _FIRST_KERNEL = "csr_kernels.conductances_by_row*.nbi"
 def is_first_run() -> bool:
     """Return whether the next solution compiles the kernels for circuits, because the cache does not hold them yet.
 
-    The result is False if there is no cache.
+    The result is False if caching is disabled; an empty or missing cache folder gives True.
     """
     from resgrid._internal.jit import cache_folder
     from resgrid.solvers.csr_kernels import conductances_by_row

@@ -31,8 +31,8 @@ def goal_distance(space: ConfigurationSpace, configuration: Vector, scene: Scene
     in axis units.  Without a scene, or for a scene without goals, it is the distance in axis units to the configuration
     that solves the goal in the cell of the configuration; NaN if this cell is not a goal cell.
 
-    `space`: map; `configuration` (ndim,): in axis coordinates; `scene`: gives the goals, None for the goal cells of the
-    map.
+    `space`: configuration space; `configuration` (ndim,): in axis coordinates; `scene`: gives the goals, None for the
+    goal cells of the space.
     """
     if scene is not None and scene.goals:
         return min(_distance(scene, space, goal, configuration) for goal in scene.goals)
@@ -46,8 +46,8 @@ def _distance(scene: Scene, space: ConfigurationSpace, goal: Goal, configuration
     """Return the distance of a configuration from one goal of a scene; 0 inside the goal.
 
     For a goal in the workspace it is the distance of the robot's reference point in metres, else a distance between
-    configurations in axis units.  `scene`: gives the robot; `space`: map, with axes and frame; `goal`: a shape, point,
-    cell or joint ranges; a tool pose raises InputError; `configuration` (ndim,): in axis coordinates.
+    configurations in axis units.  `scene`: gives the robot; `space`: configuration space, with axes and frame; `goal`:
+    a shape, point, cell or joint ranges; a tool pose raises InputError; `configuration` (ndim,): in axis coordinates.
     """
     robot, frame, width = scene.robot, space.frame, space.spacing
     match goal:
@@ -93,8 +93,9 @@ def _from_tolerant_pose(
 def _from_place(robot: Robot, space: ConfigurationSpace, shape: Shape, configuration: Vector) -> float:
     """Return the distance of the robot's reference point from a shape in the workspace, in metres.
 
-    Over periodic axes the shape has several copies; the nearest counts.  NaN if no copy exists.  `robot`: robot;
-    `space`: map; `shape`: shape in axis coordinates; `configuration` (ndim,): in axis coordinates.
+    Over periodic axes the shape has several copies, shifted by whole periods; the nearest counts.  NaN for an empty
+    shape.  `robot`: robot; `space`: configuration space; `shape`: shape in axis coordinates; `configuration` (ndim,):
+    in axis coordinates.
     """
     import shapely
 

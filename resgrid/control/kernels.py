@@ -1,5 +1,7 @@
 """Compiled kernels of control: direction of motion at a configuration, and relaxation sweeps over the grid.
 
+The direction follows the face currents of a field, with the velocities of `resgrid.planning.kernels`; the sweeps run on
+any matrix in compressed rows.
 Importing numba takes seconds, so that this module is imported only by functions that call a kernel.
 """
 

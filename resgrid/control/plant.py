@@ -170,17 +170,18 @@ class Plant:
         return np.array(lower), np.array(upper)
 
     def penetration(self, configurations: ArrayLike) -> NDArray[np.float64]:
-        """Return the penetration depth of the robot into obstacles, in metres, shape (n,); a touch has depth 0.
+        """Return the largest penetration depth of the robot into any obstacle, in metres, shape (n,).
 
-        The depth is computed with shapely, independently of the compiled kernels that move the robot.  `configurations`
-        (n, ndim): in world coordinates.
+        The depth is 0 for a robot that touches an obstacle or is clear of all.  It is computed with shapely,
+        independently of the compiled kernels that move the robot.  `configurations` (n, ndim): in world coordinates.
         """
         return self.axis_penetration(np.atleast_2d(self.frame.from_world(configurations)))
 
     def axis_penetration(self, configurations: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the penetration depth of the robot into obstacles, in metres, shape (n,); a touch has depth 0.
+        """Return the largest penetration depth of the robot into any obstacle, in metres, shape (n,).
 
-        `configurations` (n, ndim): in axis coordinates.
+        The depth is 0 for a robot that touches an obstacle or is clear of all.  `configurations` (n, ndim): in axis
+        coordinates.
         """
         depth = np.zeros(len(configurations))
         for part in self.robot.parts(self._within_seams(configurations)):

@@ -208,7 +208,11 @@ class Netlist:
         return self.cell_map
 
     def node_name(self, node: int) -> str:
-        """Return the name of a node: ``0``, ``n_12_7`` (a cell), ``goal_0_3_4`` (a rail at a cell) or ``node_5``."""
+        """Return the name of a node: ``0`` (ground), ``n_12_7`` (cell (12, 7)), ``obstacle``, ``goal_0`` or ``node_5``.
+
+        Nodes of rails with one node per cell have the cell added: ``obstacle_3_4``, and ``goal_0_3_4`` for goal region
+        0 at cell (3, 4).  Names read from a file have precedence.
+        """
         check_whole("node", node, 0)
         return self.names_of(np.array([node]))[0]
 
@@ -308,10 +312,11 @@ def add_elements(
     """Return a netlist with n appended elements of one kind, and without element names.
 
     `kind`: kind of the elements, such as ``"resistor"``; `nodes` (n, 2): nodes of the elements; `values`, each (n,) or
-    (): values of the elements in SI units.  Their order is conductance, tc1, tc2 for resistors, current and voltage for
-    nonlinear resistors; other kinds have one value.  Missing values are 0; tc1 and tc2 are ignored if the netlist has
-    none.  `face`, `upward`, each (n,) or (): for the cell map, number of the cell face that every element crosses, -1
-    for none, and whether the first node of the element is on the lower side of this face.
+    (): values of the elements in SI units.  Their order is conductance, tc1, tc2 for resistors, ``I0`` and ``V0`` of
+    ``I0 tanh(V / V0)`` for nonlinear resistors; other kinds have one value.  Missing values are 0; tc1 and tc2 are
+    ignored if the netlist has none.  `face`, `upward`, each (n,) or (): for the cell map, number of the cell face that
+    every element crosses, -1 for none, and whether the first node of the element is on the lower side of this face.
+    Faces are numbered axis by axis, in C order of arrays with one more face than cells along the axis.
     """
     _require_no_lattice(netlist)
     pairs, *names = ARRAYS[kind]

@@ -174,7 +174,8 @@ class ConfigurationSpace:
         """Return a copy with other cells, and with the same axes, conductivities, frame and robot.
 
         A cell that stays a goal keeps its goal point; in a new goal cell every configuration solves the goal.  An
-        undecided cell stays undecided if it stays an obstacle.  `cell`: `Cell` code of every cell, shape of the space.
+        undecided cell (an obstacle for which neither a proof nor a collision was found) stays undecided if it stays an
+        obstacle.  `cell`: `Cell` code of every cell, shape of the space.
         """
         cells, kept = checked_cells(self.axes, cell), None
         if self.goal_points is not None:

@@ -127,7 +127,8 @@ def _cell_labels(placement: Placement, starts: set[Index]) -> Iterator[Text]:
 def _terminal_labels(placement: Placement) -> Iterator[Text]:
     """Yield the labels of the pins of supply, reference header, goal links and converter headers.
 
-    A goal link is a two-pin header that ties a goal region to ground.
+    The reference header has three pins for measurements: supply, ground and ground. A goal link is a two-pin header
+    that ties a goal region to ground.
     """
     wiring = placement.circuit.wiring
     high = f"{wiring.supply:+g}V"
@@ -152,8 +153,8 @@ def _terminal_labels(placement: Placement) -> Iterator[Text]:
 def _front_legend(placement: Placement, lines: Iterable[str]) -> Iterator[Text]:
     """Yield the legend between the reference header and the goal links; nothing if it would have more than five lines.
 
-    Goal links are two-pin headers that tie goal regions to ground. `lines`: lines of the legend, which are divided at
-    spaces to fit between them.
+    The reference header has three pins for measurements: supply, ground and ground. Goal links are two-pin headers that
+    tie goal regions to ground. `lines`: lines of the legend, which are divided at spaces to fit between the headers.
     """
     left, _, right, bottom = placement.ring
     links = [placed.x for placed in placement.headers if placed.value.startswith("LINK")]

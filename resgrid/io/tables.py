@@ -127,18 +127,21 @@ def suffix_of(target: str | os.PathLike[str], views: Collection[str], kind: str)
 
 
 def write(target: str | os.PathLike[str], views: Views, kind: str) -> Path:
-    """Write a value atomically in the format that the suffix selects, and return the file.
+    """Write a value atomically in the format that the suffix selects, and return the path of the file.
 
-    `target`: name of the file, ``-`` for standard output; `views`: functions without arguments that return the content
-    of the file, by the name of the content: ``table`` (CSV), ``record`` (JSON), ``arrays`` (NPZ) and so on; `kind`:
-    name of the value in messages, such as "a path".
+    `target`: name of the file, ``-`` for standard output, which is then also the path; `views`: functions without
+    arguments that return the content of the file, by the name of the content: ``table`` (CSV), ``record`` (JSON),
+    ``arrays`` (NPZ) and so on; `kind`: name of the value in messages, such as "a path".
     """
     form = FORMATS[suffix_of(target, views, kind)]
     return emit(target, form.encode(views[form.view]()))
 
 
 def emit(target: str | os.PathLike[str], data: bytes) -> Path:
-    """Write the bytes `data` to the file `target` atomically, or to standard output for ``-``; return the file."""
+    """Write the bytes `data` to the file `target` atomically, or to standard output if `target` is ``-``.
+
+    The result is the path of the file, or ``Path("-")``.
+    """
     if os.fspath(target) == "-":
         stream = getattr(sys.stdout, "buffer", None)
         if stream is None:

@@ -153,7 +153,8 @@ def quantised(value: NDArray[np.float64], shown: NDArray[np.bool_], low: float, 
 def _log_drop(frame: SolvedDrawing) -> NDArray[np.float64] | None:
     """Return the natural logarithm of the drop, shape of the space; None if the circuit has no obstacle rail.
 
-    The drop of a blend is ``k u_D + (1 - k) (1 - phi_N)``, with the Dirichlet drop u_D and the Neumann potential phi_N.
+    The drop is a fraction of the supply.  The drop of a blend is ``k u_D + (1 - k) (1 - phi_N)``, with the Dirichlet
+    drop u_D and the Neumann potential phi_N.
     """
     field = frame.field
     if not 0.0 < field.k < 1.0:
@@ -173,8 +174,9 @@ def _log_drop(frame: SolvedDrawing) -> NDArray[np.float64] | None:
 def _log_drop_of(field: AnyField) -> NDArray[np.float64] | None:
     """Return the natural logarithm of the drop of one circuit, shape of the space; None without an obstacle rail.
 
-    In a preview (quick solution during a mouse gesture), drops below 1e-7 are replaced by 1e-7, because normwise
-    accuracy does not resolve them.
+    The drop is a fraction of the supply.  `field`: field of one circuit, not a blend; for a blend, `_log_drop` passes
+    the Dirichlet field.  In a preview (quick solution during a mouse gesture), drops below 1e-7 are replaced by 1e-7,
+    because normwise accuracy does not resolve them.
     """
     if field.log_drop is not None:
         return at_cells(field, field.log_drop)
@@ -229,13 +231,13 @@ def probe(frame: SolvedDrawing, cell: Sequence[int]) -> dict[str, Any]:
     Keys: `cell`: index along each axis; `centre`: centre of the cell, in axis units; `kind`: ``"free"``, ``"obstacle"``
     or ``"goal"``; `conductivity`: relative conductivity; `potential`: normalised potential, 0 to 1, NaN in a cell
     without a node; `volts`: voltage of the node, None for a blend, and for a preview (quick solution during a mouse
-    gesture) of a circuit that current sources drive; `drop_decades`: log10 of the drop, None without an obstacle rail;
-    `amperes`: currents through the lower and the upper face across the first axis, then across the second, positive
-    along the axis, or, for other lattices than "square", `steps`: lists of an arrow (character such as "↗"), the
-    current along a step to a neighbour, positive outwards, and whether paths take this step; `bits`: bits of an
-    analogue-to-digital converter that resolve the voltage step to the neighbour with the lowest potential, None if
-    unknown; `exact`: whether the solution is direction-safe; `proved`: sentences on proved properties.  Where `volts`
-    is None, the currents are those of a circuit in which the potential 1 is the supply.
+    gesture) of a circuit that current sources drive; `drop_decades`: log10 of the drop as a fraction of the supply,
+    None without an obstacle rail; `amperes`: currents through the lower and the upper face across the first axis, then
+    across the second, positive along the axis, or, for other lattices than "square", `steps`: lists of an arrow
+    (character such as "↗"), the current along a step to a neighbour, positive outwards, and whether paths take this
+    step; `bits`: bits of an analogue-to-digital converter that resolve the voltage step to the neighbour with the
+    lowest potential, None if unknown; `exact`: whether the solution is direction-safe; `proved`: sentences on proved
+    properties.  Where `volts` is None, the currents are those of a circuit in which the potential 1 is the supply.
 
     `frame`: the solved drawing; `cell`: index along each axis.  Raises InputError for a cell outside the grid.
     """

@@ -74,7 +74,9 @@ def _check_kinds(path: NodePath) -> None:
 def _check_ends(path: NodePath) -> None:
     """Raise CertificateError unless start, sites and goal point of a path lie in the cells that the path states.
 
-    All sites must be distinct and in free cells; if the path reached a goal, the last one must lie in this goal.
+    All sites must be distinct and in free cells, except the last site of a path that reached a goal.  This site must
+    lie in a goal cell of the stated region, and the path must end at the cell's goal point, within the cell, if the
+    space defines one.
     """
     space, cells = path.space, path.cells
     code = space.cell[tuple(cells.T)]

@@ -19,7 +19,10 @@ from resgrid.core.regions import cells_at_faces, sides_of_cells
 from resgrid.core.wiring import Wiring
 
 ROUNDING = 8 * np.finfo(np.float64).eps
-"""Bound on the rounding error of a sum of currents, relative to the sum of conductance times absolute node voltage."""
+"""Bound on the rounding error of a node's sum of currents, as a fraction of a sum over its resistors.
+
+A resistor contributes its conductance times the sum of the absolute voltages of its two nodes.
+"""
 
 Faces = Sequence[NDArray[np.float64]]
 """One array per axis: a value for every face across that axis."""
@@ -69,10 +72,12 @@ def face_currents(conductance: Faces, value: NDArray[np.float64]) -> list[NDArra
 def leak_currents(
     leak: float, wiring: Wiring, volts: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64] | float, NDArray[np.float64] | float]:
-    """Return the currents of leaks into the cells, and the conductance times the absolute voltages at both ends.
+    """Return the currents of leaks into the cells, and the scale of their rounding errors, both in amperes.
 
-    Both results are in amperes and have the shape of `volts`, or are 0 without a leak.  With a positive supply,
-    currents are positive from the obstacle rail into the cell, with a negative supply in the opposite direction.
+    A leak is a resistor from a cell to the obstacle rail.  The scale is the conductance times the sum of the absolute
+    voltages, relative to ground, of the cell and of the obstacle rail.  Both results have the shape of `volts`, or are
+    0 without a leak.  With a positive supply, currents are positive from the obstacle rail into the cell, with a
+    negative supply in the opposite direction.
     `leak`: conductance of the leak of one cell, in siemens; `wiring`: gives the rail voltages; `volts`: voltage of
     every cell, in volts, NaN without a node.
     """
@@ -97,8 +102,8 @@ def obeys_kcl(
     S and A.  `conductance`, `currents`: conductances and currents of the faces, one array per axis, currents positive
     along the axis; `value`: voltages of the cells and of a margin of one cell on each side; `injected`: current of
     sources and leaks into the cells, one number or one per cell; `held`: mask of cells tied to voltage sources, whose
-    net current need not be 0, shape of the box; `uncertain`: for leaks, the conductance times the sum of the absolute
-    voltages at both ends, which bounds the rounding error of the leak currents.
+    net current need not be 0, shape of the box; `uncertain`: scale of the rounding errors of leak currents: the leak's
+    conductance times the sum of the absolute voltages of the cell and of the obstacle rail.
     """
     shape = sides_of_cells(currents[0], 0)[0].shape
     net, total, rounding = (np.full(shape, start) for start in (injected, np.abs(injected), uncertain))

@@ -1,7 +1,7 @@
-"""Groups of obstacle cells that separate regions of free cells, and the graph of regions and groups.
+"""Groups of obstacle cells (all connected components), and the adjacency graph of groups and regions of free cells.
 
-Free cells are connected across faces, obstacle cells across faces, edges or corners (the digital Jordan curve theorem,
-Rosenfeld 1970).
+Free and goal cells are connected across faces, obstacle cells across faces, edges or corners: the two connectivities
+of the digital Jordan curve theorem (Rosenfeld 1970).
 """
 
 from __future__ import annotations

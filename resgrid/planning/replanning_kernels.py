@@ -89,10 +89,11 @@ def write_values(
 ) -> None:  # fmt: skip
     """Write the values, potentials and logarithms of drops of all cells of a plane between two rails.
 
-    `kind` (nx + 2, ny + 2): `CellRole` of every cell, with a margin; `own` (nx, ny): whether a cell has an equation;
-    `drop`, `height`: mantissas and exponents (nx, ny) of drops from the high rail, and of heights above the low rail.
-    Results: `values`; `potential` (nx, ny): height as a fraction of the supply; `log_drop` (nx, ny): natural logarithm
-    of the drop.  Cells without an equation get the values of the low or the high rail.
+    The value of a cell is the smaller one of its drop from the high rail and its height above the low rail, both as
+    fractions of the supply.  `kind` (nx + 2, ny + 2): `CellRole` of every cell, with a margin; `own` (nx, ny): whether
+    a cell has an equation; `drop`, `height`: mantissas and exponents (nx, ny) of drops and heights,
+    ``mantissa * 2**(256 exponent)``.  Results: `values`, arrays with a margin; `potential` (nx, ny): height; `log_drop`
+    (nx, ny): natural logarithm of the drop.  Cells without an equation get the values of the low or the high rail.
     """
     values.own[:], values.mantissa[:], values.exponent[:], values.is_drop[:] = False, 0.0, 0, True
     for i in range(own.shape[0]):
@@ -119,9 +120,10 @@ def write_values(
 def write_heights(kind: NDArray[np.uint8], own: Bools, height: Floats, values: Values, potential: Floats) -> None:
     """Write the values and potentials of all cells of a plane with a single rail.
 
-    `kind` (nx + 2, ny + 2): `CellRole` of every cell, with a margin; `own` (nx, ny): whether a cell has an equation;
-    `height` (nx, ny): height above the rail, as a fraction of the largest one.  Results: `values`; `potential` (nx,
-    ny), NaN in cells without an equation that are not on the rail.
+    With a single rail, the value and the potential of a cell with an equation are both its height.  On the rail they
+    are 0.  In other cells the value is 0 and the potential NaN.  `kind` (nx + 2, ny + 2): `CellRole` of every cell,
+    with a margin; `own` (nx, ny): whether a cell has an equation; `height` (nx, ny): height above the rail, as a
+    fraction of the largest one.  Results: `values`, arrays with a margin; `potential` (nx, ny): without a unit.
     """
     values.own[:], values.mantissa[:], values.exponent[:], values.is_drop[:] = False, 0.0, 0, False
     for i in range(own.shape[0]):

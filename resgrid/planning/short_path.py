@@ -26,15 +26,15 @@ class ShortPath:
     Attributes
     ----------
     axis_points, line : ndarray of float64, shape (n, ndim)
-        Corners in axis units, from the start of the path to its end.  Coordinates are continuous across periodic
-        seams and may leave the range of a periodic axis.
+        Two names of one array: corners in axis units, from the start of the path to its end.  Coordinates are
+        continuous across periodic seams and may leave the range of a periodic axis.
     points : ndarray of float64, shape (n, ndim)
         Corners in world coordinates.
     length : float
         Length in axis units, at most that of the original.
     clearance : float
-        Smallest distance, in axis units, to the box of an obstacle cell or to an edge that counts as an obstacle;
-        infinite if there is neither.
+        Smallest distance, in axis units, to the box of an obstacle cell, or to an edge of the grid on an axis with
+        ``edge = "obstacle"``; infinite if there is neither.
     original : Streamline or NodePath
         The path that was shortened.
     field : Field or LatticeField

@@ -180,9 +180,11 @@ def streamlines(field: Field, starts: ArrayLike) -> Traces:
 
 
 def follow_many(field: Field, points: NDArray[np.float64]) -> Traces:
-    """Return outcomes, goals, lengths, durations and numbers of steps of streamlines from `points` (n, ndim).
+    """Return outcomes, goals, lengths, durations and numbers of steps of streamlines from n points, as Traces.
 
-    The points are in axis units.
+    A goal is the index of a goal region of the space, -1 if no goal is reached.  Lengths are in axis units, NaN if no
+    goal is reached.  Durations are natural logarithms of the time of motion along the streamline at the velocity
+    ``-conductivity * grad(phi)``, NaN without motion.  `points` (n, ndim): starts in axis units.
     """
     from resgrid.planning import kernels
 

@@ -136,8 +136,8 @@ def check_collisions(
 ) -> Collision | None:
     """Return the first collision of the whole robot with an obstacle along a path, with exact geometry.
 
-    Links of a robot from a URDF file must also not collide with each other, if its `self_collision` is True; its
-    meshes are tested as they are, without the convex covers of the proof.
+    Links of a robot from a URDF file must also not collide with each other, if the robot's `self_collision` is True.
+    Its meshes are tested themselves, while the proof that a cell is free uses convex pieces that contain the meshes.
 
     Parameters
     ----------
@@ -151,7 +151,8 @@ def check_collisions(
     Returns
     -------
     Collision or None
-        None without a collision.  Touching an obstacle of the plane, to within 1e-9, is not a collision.
+        None without a collision.  In the plane, touching an obstacle, to within 1e-9, is not a collision.  For a robot
+        from a URDF file it is one, and distances below some 1e-6 m may be reported as collisions.
 
     Raises
     ------

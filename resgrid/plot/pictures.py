@@ -91,9 +91,10 @@ def _one(value: object) -> Axes | Figure:
 
 @functools.singledispatch
 def _several(value: object) -> Axes | Figure:
-    """Draw several values by the function registered for the type of the values, and return axes or a figure.
+    """Draw a sequence or a mapping of values, and return axes or a figure: fallback that raises NotImplementedError.
 
-    For a type without a registered function, this function raises NotImplementedError.
+    `draw` selects the drawing function by the type of the first entry, not of the container, from those that are
+    registered here.  The drawing function gets the whole container.
     """
     raise NotImplementedError
 

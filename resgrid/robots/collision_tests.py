@@ -30,7 +30,10 @@ class Hit(NamedTuple):
 
 
 class CollisionTest(ABC):
-    """Interface of a robot among fixed obstacles that is tested for collisions at given configurations."""
+    """Interface of a collision test, which holds a robot and fixed obstacles.
+
+    The test returns the clearance at every given configuration, and the first collision in a sequence of them.
+    """
 
     @abstractmethod
     def clearances(self, configurations: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -46,7 +49,7 @@ class CollisionTest(ABC):
 
 
 class PlanarTest(CollisionTest):
-    """A robot of the plane among obstacles, tested with shapely.
+    """Collision test of a robot of the plane among obstacles, with shapely.
 
     `parts`: function from configurations (n, ndim) to the robot's rigid parts; `obstacles`: the obstacles.
     """

@@ -20,13 +20,15 @@ __all__ = ["body_of", "convex_cover", "convex_hull", "hull_of"]
 _LEAST_GAIN = 0.005
 """Smallest useful reduction of the cost by a cut, as a fraction of the volume of the convex hull of the mesh.
 
-The cost of a set of parts is the volume of their hulls plus the weighted depth of the surface below the hulls.
+The cost of a set of parts is the volume of their hulls plus 0.2 times the depth of the surface below the hulls,
+integrated over the surface.
 """
 
 _LEAST_SAVING = 0.1
-"""Fraction of the volume of a mesh's convex hull that a cover of several pieces must save.
+"""Least saving of a cover of several pieces, as a fraction of the volume of the mesh's convex hull.
 
-If the total volume of the pieces is larger, the hull alone is the cover.
+The saving is the volume of the hull minus the total volume of the pieces.  If it is smaller, the hull alone is the
+cover.
 """
 
 _PREFERENCE = 1.2
@@ -187,7 +189,7 @@ class _Part:
 
     `corners` (t, 3, 3): clipped triangles of the surface in the box; `box` (2, 3): lower and upper corner, infinite
     where no cut bounds the box; `cut`: the cut of this part with the largest estimated gain, the reduction of the cost
-    (volume of the hulls plus weighted depth of the surface below them) in cubic metres.
+    (volume of the hulls plus 0.2 times the depth below them, integrated over the surface) in cubic metres.
     """
 
     corners: NDArray[np.float64]
@@ -199,7 +201,7 @@ def _axes(points: NDArray[np.float64], corners: NDArray[np.float64]) -> NDArray[
     """Return three unit vectors (3, 3) as rows, perpendicular to which a mesh is cut.
 
     These are the principal axes of the vertices if the best cut perpendicular to one of them gains more than
-    `_PREFERENCE` times as much as the best one perpendicular to a coordinate axis; otherwise the coordinate axes.
+    1.2 times as much as the best one perpendicular to a coordinate axis; otherwise the coordinate axes.
     `points` (v, 3): vertices; `corners` (t, 3, 3): triangles.
     """
     centred = points - points.mean(axis=0)
@@ -211,8 +213,8 @@ def _axes(points: NDArray[np.float64], corners: NDArray[np.float64]) -> NDArray[
 def _parts(surface: NDArray[np.float64], most: int) -> list[_Part]:
     """Return at most `most` parts of a surface (t, 3, 3); repeatedly cut the part whose cut reduces the cost most.
 
-    The cost is the volume of the parts' hulls plus the weighted depth of the surface below them.  The division ends
-    when no cut reduces the cost by more than `_LEAST_GAIN` times the volume of the surface's hull.
+    The cost is the volume of the parts' hulls plus 0.2 times the depth of the surface below them, integrated over the
+    surface.  The division ends when no cut reduces the cost by more than 0.005 times the volume of the surface's hull.
     """
     least = _LEAST_GAIN * facets_of(surface.reshape(-1, 3)).volume
     parts = [_part(surface, np.array([[-np.inf] * 3, [np.inf] * 3]), least)]

@@ -1,5 +1,7 @@
 """Compiled kernels that mark cells: collisions of arm links in joint space, polygons and parallelograms in the plane.
 
+They build on distances between points, segments, polygons and discs, and on the forward kinematics of the arm, which
+are also defined here.
 Import this module only inside functions that call a kernel, because importing numba takes seconds.
 """
 
@@ -184,7 +186,8 @@ def mark_link(
     """Mark the cells of joints ``0 .. link`` in which link number `link` may hit an obstacle or an earlier link.
 
     A cell in which the link may collide, but does not at the centre, is subdivided once into ``parts`` parts per joint.
-    Cells that are marked already are skipped. `out` (product of counts[:link + 1],): flat mask in C order; `first,
+    Cells that are marked already are skipped. `out` (product of counts[:link + 1],): flat mask in C order, in which
+    cells are set to True; `first,
     last`: the cells ``first .. last - 1`` of `out` are tested; `counts` (n,): number of cells per joint; `centres` (n,
     max(counts)): joint angles of cell centres; `widths` (n,): cell widths in radians; `links`: the arm;
     `self_collision`: whether links are tested against each other; `slack`: bound on the rounding error of distances, in
@@ -272,7 +275,8 @@ def mark_parallelograms(out: Flags, pieces: Floats, reach: float, plane: CellPla
     """Mark the cells whose tested box comes within a distance `reach`, in metres, of one of p parallelograms.
 
     The tested box has the half widths ``plane.half_x, plane.half_y`` around the cell's centre: about the whole cell, or
-    0 to test only the centre.  `out` (columns, rows): mask, row 0 at the lowest y, in which cells are set to True;
+    0 to test only the centre.  `out` (columns, rows): mask, row 0 at the lowest y, in which cells are set to True, and
+    other entries keep their values;
     `pieces` (p, 6): x and y of a corner and of two edge vectors of each parallelogram, in metres; `plane`: grid.
     The set of points within the distance is convex, so that in each row the marked cells form one interval.  The ends
     of the interval lie on circles around the corners or on edges shifted outwards.
@@ -317,9 +321,9 @@ def mark_parallelograms(out: Flags, pieces: Floats, reach: float, plane: CellPla
 def mark_enclosed(out: Flags, edges: Floats, plane: CellPlane) -> None:
     """Mark the cells whose centres lie inside closed rings of edges, by the even-odd rule.
 
-    `out` (columns, rows): mask, row 0 at the lowest y, in which enclosed cells are set to True; `edges` (e, 4): end
-    points ``x0, y0, x1, y1`` in metres; `plane`: grid.  In every row, each edge that crosses the line through the
-    row's cell centres toggles all cells to the right of the crossing.
+    `out` (columns, rows): mask, row 0 at the lowest y, in which enclosed cells are set to True; other entries keep
+    their values; `edges` (e, 4): end points ``x0, y0, x1, y1`` in metres; `plane`: grid.  A cell is enclosed if an odd
+    number of edges cross the line through the row's cell centres to the left of the cell's centre.
     """
     columns, rows = out.shape
     flips = np.zeros(columns + 1, dtype=np.bool_)

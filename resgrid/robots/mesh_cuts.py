@@ -32,7 +32,7 @@ class PlaneCut:
     """A cut of a surface by the plane ``x[axis] = position``.
 
     `gain`: estimated reduction, in cubic metres, of the cost of the convex hulls by the cut, 0 if no cut reduces it.
-    The cost is the volume of the hulls plus the weighted depth of the surface below them.
+    The cost is the volume of the hulls plus 0.2 times the depth of the surface below them, integrated over the surface.
     """
 
     axis: int
@@ -79,8 +79,8 @@ def _crossing(
 def best_cut(corners: NDArray[np.float64]) -> PlaneCut:
     """Return the cut of triangles (t, 3, 3), perpendicular to an axis, that reduces the cost of their hulls most.
 
-    The cost of a hull is its volume plus the weighted depth of the surface below it. The gain is 0 if no cut reduces
-    the cost.
+    The cost of a hull is its volume plus 0.2 times the depth of the surface below it, integrated over the surface. The
+    gain is 0 if no cut reduces the cost.
     Positions at vertices are compared too, because the concave edges of machine parts lie there.
     """
     if not len(corners):
@@ -156,7 +156,7 @@ def _seam(corners: NDArray[np.float64], axis: int, position: float) -> NDArray[n
 def is_concave(corners: NDArray[np.float64], least: float) -> bool:
     """Return whether triangles (t, 3, 3) lie clearly below the surface of their convex hull.
 
-    This is the case if the weighted depth below the hull, integrated over the triangles, exceeds `least` cubic metres.
+    This is the case if 0.2 times the depth below the hull, integrated over the triangles, exceeds `least` cubic metres.
     """
     if not len(corners):
         return False
@@ -168,7 +168,7 @@ def _costs(points: NDArray[np.float64], area: NDArray[np.float64]) -> tuple[floa
     """Return the costs of the convex hull of points (n, 3) in cubic metres: volume, and weighted depth of a surface.
 
     `area` (m,): area in square metres that each of the last m points stands for; their depth below the hull, times this
-    area and `_WEIGHT`, is summed. Both costs are 0 for fewer than five points, and for points in a plane.
+    area and the weight 0.2, is summed. Both costs are 0 for fewer than five points, and for points in a plane.
     In contrast to the volume, the depth can also fall when a cut leaves the total volume of the hulls unchanged.
     """
     from scipy.spatial import ConvexHull, QhullError

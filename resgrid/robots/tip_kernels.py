@@ -98,8 +98,8 @@ def _newton_step(work: _SearchArrays, rx: float, ry: float, flat: bool) -> None:
     """Add to ``work.at`` the least-norm joint step whose linearized tip motion is ``(rx, ry)``, in metres.
 
     With `flat`, only the component of the tip motion along ``(rx, ry)`` is prescribed, e.g. for a straight border.  A
-    joint at a limit of the cell that would move beyond it is held, and the step is recomputed for the other joints.
-    The result is clipped to the cell.
+    joint at a limit of the cell, ``work.low`` or ``work.high``, that would move beyond it is held, and the step is
+    recomputed for the other joints.  The result is clipped to the cell.
     """
     n, jacobian, step, at = len(work.at), work.jacobian, work.step, work.at
     for j in range(n):
@@ -138,10 +138,11 @@ def _newton_step(work: _SearchArrays, rx: float, ry: float, flat: bool) -> None:
 def _newton(work: _SearchArrays, piece: int, links: ArmLinks, goal: ObstacleArrays, tolerance: float) -> float:
     """Minimize the distance from the tip to a piece by Newton steps within the cell; return the smallest distance.
 
-    The configuration with the smallest distance is written to ``work.at``.  The iteration ends at a distance of
-    `tolerance`, in metres.  Steps prescribe only the tip motion towards the piece.  For a piece that acts as a point,
-    and after a step without sufficient decrease, steps also prescribe that the tip does not move sideways.
-    `piece`: index of an edge, disc or half-plane of `goal`.
+    The cell is that between ``work.low`` and ``work.high``.  The iteration starts from ``work.at``, to which the
+    configuration with the smallest distance is written, and ends at a distance of `tolerance`, in metres.  Steps
+    prescribe only the tip motion towards the piece.  For a piece that acts as a point (such as an edge whose end is
+    nearest, or a small disc: `_piece_distance`), and after a step without sufficient decrease, steps also prescribe
+    that the tip does not move sideways.  `piece`: index of an edge, disc or half-plane of `goal`.
     """
     n = len(work.at)
     nearest, stuck = math.inf, 0

@@ -97,8 +97,8 @@ def apply_overrides(scene: Scene, changes: Mapping[str, Any]) -> Scene:
 def build_changed(document: Document, changes: Mapping[str, Any], known: MapReader | None = None) -> Scene:
     """Return the validated scene of a document with some keys changed.
 
-    `document`: the unvalidated document; `changes`: new values by key path as text, such as ``chip.supply``, where
-    texts are parsed as TOML values; `known`: function that reads the map, None for a map file.  Only the changed
+    `document`: the unvalidated document; `changes`: new values by key path, a text such as ``chip.supply``; values that
+    are texts are parsed as TOML values; `known`: function that reads the map, None for a map file.  Only the changed
     document is validated, so the unchanged document may be incomplete.
     """
     lines = _lines_of_file(document.lines, changes)
@@ -108,8 +108,8 @@ def build_changed(document: Document, changes: Mapping[str, Any], known: MapRead
 def _lines_of_file(lines: Mapping[KeyPath, int], changes: Mapping[str, Any]) -> dict[KeyPath, int]:
     """Return the line number of every key from the scene file, and 0 (no line) for every changed key, by key path.
 
-    `lines`: line numbers in the file by key path (tuple of names and indices); `changes`: new values by key path as
-    text, such as ``chip.supply``.
+    `lines`: line numbers in the file by key path (tuple of names and indices); `changes`: new values by key path, a
+    text such as ``chip.supply``.
     """
     changed = {_parts(key) for key in _by_key(changes)}
     if ("start",) in changed:
@@ -149,8 +149,9 @@ def _by_key(changes: Mapping[str, Any]) -> dict[str, Any]:
 def _apply(raw: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
     """Return a copy of the document `raw` with some keys changed; goals and starts replace all goals or starts.
 
-    `raw`: keys and tables of a scene file; `changes`: new values by key path as text.  Keys of the robot are set first,
-    because the robot may imply axes, whose keys the changes may contain.
+    `raw`: keys and tables of a scene file; `changes`: new values by key path; a path is a text with dots or brackets,
+    such as ``obstacle.2.radius`` or ``obstacle[2].radius``, and a value that is a text is parsed as a TOML value.  Keys
+    of the robot are set first, because the robot may imply axes, whose keys the changes may contain.
     """
     document, by_key = copy.deepcopy(dict(raw)), _by_key(changes)
     if {"robot.type", "robot.footprint"} & by_key.keys():

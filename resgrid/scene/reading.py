@@ -1,4 +1,8 @@
-"""Readers of scenes: TOML files, maps of all formats, and links of the live page."""
+"""Readers of scenes: from TOML files and text, from names of map files, and from links of the live page.
+
+A link contains a whole scene, compressed.  The cells of a map are read by `resgrid.scene.maps`.  The module also
+validates a document and builds its scene (`build_scene`).
+"""
 
 from __future__ import annotations
 

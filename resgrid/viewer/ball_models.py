@@ -27,7 +27,7 @@ ROBOT_BALL: Colour = (230, 159, 0)
 """Colour of the moving ball: red, green and blue from 0 to 255."""
 
 _BANDS = 24
-"""Number of ranges of equal height into which the grid is divided; each range of obstacles has a colour."""
+"""Number of equal parts into which the grid's range of z is divided; obstacle faces have one colour per part."""
 
 
 class BallModel:
@@ -49,7 +49,7 @@ class BallModel:
 
 
 def add_voxels(server: viser.ViserServer, space: ConfigurationSpace) -> None:
-    """Add the surface of the obstacles, coloured by height, and the goal cells to a scene of viser.
+    """Add the surface of the obstacles, coloured by the z coordinate, and the goal cells to a scene of viser.
 
     The surface consists of the faces between obstacles and goal or goal-connected cells. The faces are visible from the
     front only, so that the camera looks into closed rooms. `space`: space with the axes x, y and z of a point or a
@@ -89,9 +89,9 @@ def _add_faces(
 
 
 def _tint(band: int) -> Colour:
-    """Return the colour, red, green and blue from 0 to 255, of obstacles in a range of heights.
+    """Return the colour, red, green and blue from 0 to 255, of obstacle faces in a range of the z coordinate.
 
-    `band`: index of the range, from 0 at the bottom to 23 at the top.
+    `band`: index of the range, one of 24 equal parts of the grid's z axis, from 0 at the lower end to 23 at the upper.
     """
     stops = np.array([rgb(colour) for colour in SURFACE], dtype=np.float64)
     place = (band + 0.5) / _BANDS * (len(stops) - 1)

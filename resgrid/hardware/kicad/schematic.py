@@ -181,7 +181,11 @@ def _field(placed: PlacedSymbol, name: str, text: str, place: TextPlace | None) 
 
 
 def _wire(start: Point, stop: Point, sheet: str) -> Node:
-    """Return the S-expression of a wire; `sheet`: name of the sheet, from which the identifier is derived."""
+    """Return the S-expression of a wire.
+
+    `start`, `stop`: ends (x, y) in millimetres from the upper left corner of the sheet, y downwards; `sheet`: name of
+    the sheet.  The UUID is derived from all three.
+    """
     return [
         "wire", ["pts", ["xy", *start], ["xy", *stop]], ["stroke", ["width", 0], ["type", Word("default")]],
         uuid_of("wire", sheet, *start, *stop),
@@ -191,7 +195,9 @@ def _wire(start: Point, stop: Point, sheet: str) -> Node:
 def _label(number: int, label: tuple[str, Point, int], sheet: str) -> Node:
     """Return the S-expression of a global label, which names a net on all sheets.
 
-    `label`: net, place and rotation; `number`, `sheet`: index and sheet, from which the identifier is derived.
+    `label`: net, place (x, y) in millimetres from the upper left corner of the sheet, y downwards, and rotation in
+    degrees; `number`: index of the label on the sheet; `sheet`: name of the sheet.  The UUID is derived from the last
+    two.
     """
     text, place, turn = label
     align = "right" if turn in (180, 270) else "left"
@@ -205,7 +211,9 @@ def _label(number: int, label: tuple[str, Point, int], sheet: str) -> Node:
 def _note(number: int, note: tuple[str, Point, float], sheet: str) -> Node:
     """Return the S-expression of a text on a sheet.
 
-    `note`: text, place and height of letters; `number`, `sheet`: index and sheet, from which the identifier is derived.
+    `note`: text, place (x, y) from the upper left corner of the sheet, y downwards, and height of letters, in
+    millimetres; `number`: index of the text on the sheet; `sheet`: name of the sheet.  The UUID is derived from the
+    last two.
     """
     text, place, size = note
     return [
@@ -217,7 +225,9 @@ def _note(number: int, note: tuple[str, Point, float], sheet: str) -> Node:
 def _area(number: int, area: tuple[Point, Point, tuple[int, int, int]], sheet: str) -> Node:
     """Return the S-expression of a coloured rectangle behind the drawing.
 
-    `area`: two corners and the colour; `number`, `sheet`: index and sheet, from which the identifier is derived.
+    `area`: two opposite corners (x, y) in millimetres from the upper left corner of the sheet, y downwards, and red,
+    green, blue from 0 to 255; `number`: index of the rectangle on the sheet; `sheet`: name of the sheet.  The UUID is
+    derived from the last two.
     """
     start, stop, colour = area
     return [

@@ -1,5 +1,6 @@
-"""Verdicts (free, collision, undecided) of the cells of a block, for pairs of bodies that depend on the same joints.
+"""Computation of the verdicts (free, collision, undecided) of cells, block by block, for one group of pairs of bodies.
 
+A block is a box of cells in the grid of those joints on which the relative poses of all pairs of the group depend.
 An *item* of a box of joint values is a pair of convex pieces, one of either body of a pair, that is not yet proven to
 stay apart while the joints move within the box.
 """

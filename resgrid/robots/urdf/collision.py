@@ -51,16 +51,21 @@ class CollisionChecker:
         return CollisionChecker, (self.tree,)
 
     def collides(self, configurations: ArrayLike) -> NDArray[np.bool_]:
-        """Return whether any pair of bodies collides, shape (n,), for configurations (n, m) in radians or metres."""
+        """Return whether any pair of ``tree.pairs`` collides, shape (n,), for configurations (n, m), radians or metres.
+
+        The pairs are those that must not touch: bodies of the robot with the surroundings and, if self-collision is
+        tested, with each other, except links that may touch (adjacent ones, or those that an SRDF file disables).
+        """
         return self.first_pairs(configurations) >= 0
 
     def first_pairs(
         self, configurations: ArrayLike, pairs: Sequence[int] | NDArray[np.int64] | None = None
     ) -> NDArray[np.int64]:
-        """Return the index of the first pair that collides, -1 for none, shape (n,), for configurations (n, m).
+        """Return the index in ``tree.pairs`` of the first pair that collides, -1 for none, shape (n,).
 
-        `configurations`: values of the m moving joints, in radians or metres; `pairs`: indices of the tested pairs in
-        ``tree.pairs``, in the order of the tests; None for all pairs. Raises InputError for a wrong number of values.
+        `configurations` (n, m): values of the m moving joints, in radians or metres; `pairs`: indices of the tested
+        pairs in ``tree.pairs``, in the order of the tests; None for all pairs. Raises InputError for a wrong number of
+        values.
         """
         values = self._checked(configurations)
         tested = range(len(self.tree.pairs)) if pairs is None else pairs
@@ -86,10 +91,10 @@ class CollisionChecker:
         return found
 
     def distance(self, configurations: ArrayLike) -> _Floats:
-        """Return the smallest distance between the bodies of any pair in metres, shape (n,), for configurations (n, m).
+        """Return the smallest distance between the bodies of any pair of ``tree.pairs``, in metres, shape (n,).
 
-        The distance is 0 if a pair collides, and infinite for a tree without pairs. Raises InputError for a wrong
-        number of values of a configuration.
+        The distance is 0 if a pair collides, and infinite for a tree without pairs. `configurations` (n, m): values of
+        the m moving joints, in radians or metres. Raises InputError for a wrong number of values.
         """
         values = self._checked(configurations)
         found = np.full(len(values), np.inf)

@@ -1,4 +1,4 @@
-"""Poses of a robot's tool, and goal cells: cells that contain a configuration with the tool in a region of poses."""
+"""Forward kinematics of a tool, and inverse kinematics: the cells with a configuration that solves a goal."""
 
 from __future__ import annotations
 

@@ -49,8 +49,9 @@ def cells_of_snapshot(snapshot: MapSnapshot, table: Mapping[str, Any], extent: f
     """Return the cells of a snapshot after cropping and after joining or dividing cells, as a ``[map]`` table demands.
 
     `table`: values of the ``[map]`` table by key; `extent`: largest distance from the robot's reference point to a
-    point of the robot, in metres, for the obstacles around a cropped map.  Raises UnusableMapError if the cells cannot
-    be cropped, joined or divided as the table demands.
+    point of the robot, in metres.  Obstacles outside a cropped map that the robot can touch from inside are kept in
+    `MapCells.surroundings`; the grid itself gets no margin.  Raises UnusableMapError if the cells cannot be cropped,
+    joined or divided as the table demands.
     """
     axes, frame = place_of_map(snapshot.origin, snapshot.resolution, snapshot.occupancy.shape)
     lethal, least = table.get("lethal"), table.get("least_conductivity")

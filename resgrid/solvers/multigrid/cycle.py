@@ -170,12 +170,16 @@ def _visit_graph(
 ) -> bool:  # fmt: skip
     """Process a graph when the K-cycle reaches it, up to three times; return whether the graph's solution is complete.
 
-    The first time the residual is relaxed and restricted. Later the next level's solution is a search direction.
+    The first time `x` is relaxed from zero, and the residual is restricted to the next level. Later the next level's
+    solution is prolonged and relaxed to a search direction in `x`. After a first step that reduces the residual too
+    little, relaxation and restriction are repeated for a second direction. On completion `x` holds the solution.
 
-    `graphs, level`: all graphs, and index of this one; `vectors`: `b, x, c, v, w, change` of `SweepBuffers`, where `b,
-    x` begin with the first node (without their unused entry 0); `visit`: number of times that the cycle has returned to
-    this graph from the next level, and work array (2,) for the products of the first step; `stop`: ratio of the
-    residual norms after and before the first step below which the second step is skipped.
+    `graphs, level`: all graphs, and index of this one; `vectors` (nodes,): `b, x, c, v, w, change`, over the nodes of
+    all graphs: right-hand side, from which the first step is subtracted; solution; first search direction; products of
+    the matrix with the first and the second direction; changes of `x` by the last sweep. `b, x` are given without their
+    unused entry 0. `visit`: number of times that the cycle has returned to this graph from the next level, and work
+    array (2,) for the products of the first step; `stop`: ratio of the residual norms after and before the first step
+    below which the second step is skipped.
     """
     b, x, c, v, w, change = vectors
     if visit[0] > 0:
@@ -310,8 +314,9 @@ def _sweep_slab(level: Row, kind: int, visit: int, part: int) -> None:
 def _visit_grid(table: Table, state: Integers, number: int, visit: tuple[int, Floats], stop: float) -> bool:
     """Process a grid when the K-cycle reaches it, up to three times; return whether the grid's solution is complete.
 
-    The first time red nodes are eliminated. Later the solution of the next level is a search direction. Unless the
-    solution is complete, the relaxed residual is restricted to the next level.
+    The first time red nodes are eliminated. Later the solution of the next level is prolonged and relaxed to a search
+    direction. Unless the solution is complete, the residual is then relaxed (a Jacobi step from zero), and what remains
+    of the residual is restricted to the next level.
 
     `table, number`: records of the grids, and index of the level in them; `state`: array shared with the helper
     threads; `visit`: number of times that the cycle has returned to this grid from the next level, and work array (2,)
@@ -349,7 +354,7 @@ def ascend_grid(table: Table, state: Integers, number: int, visit: int) -> tuple
 
 @inner
 def _restrict_finest(table: Table, state: Integers) -> None:
-    """Restrict the relaxed residual of the finest grid to the next level.
+    """Restrict the residual of the finest grid, after its relaxation by a Jacobi step, to the next level.
 
     `table`: records of the grids, finest first; `state`: array shared with the helper threads.
     """

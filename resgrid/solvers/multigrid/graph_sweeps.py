@@ -115,8 +115,8 @@ def ascend_graph(
 
     `graphs, level`: all graphs, and index of this one, 0 for the finest; `b, x, change` (nodes,): right-hand sides,
     solutions, and changes of the solutions in the last sweep, of all levels; `x` and `change` are overwritten on this
-    level; `s` (nodes of the level,): vector of the inner product ``x.s``; `y` (nodes of the level,): receives the
-    product.  The inner products are over this level.
+    level; `s` (nodes of the level,): vector of ``x.s``, such as the product of ``A`` with the previous search
+    direction; `y` (nodes of the level,): receives the product.  The inner products are over this level.
     """
     flags = flush_subnormals()
     begin, end = graphs.first[level], graphs.first[level + 1]
@@ -146,9 +146,11 @@ def _subtract_changes(
 ) -> tuple[float, float, float]:
     """Set ``y_i -= sum_{j < i} g_ij change_j`` on one level; return the inner products ``x.b``, ``x.y``, ``x.s``.
 
-    `graphs`: all graphs; `earlier`: begin and end of the entries of the neighbours ``j < i`` in every row, shape (nodes
-    of the level,) each; `change` (nodes,): changes of the solution in the last sweep, of all nodes; `x, b, s, y` (nodes
-    of the level,): solution, right-hand side, vector of the inner product, and product of the matrix with ``x``.
+    The subtraction completes ``y = A x``, and ``x.y`` contains the completed ``y``.  `graphs`: all graphs; `earlier`:
+    begin and end of the entries of the neighbours ``j < i`` in every row, shape (nodes of the level,) each; `change`
+    (nodes,): changes of the solution in the last sweep, of all nodes; `x, b, s, y` (nodes of the level,): solution;
+    right-hand side; vector of ``x.s``, such as the product of ``A`` with the previous search direction; and product,
+    completed in place.
     """
     g, j, (begin, end) = graphs.conductance, graphs.indices, earlier
     xb, xy, xs = 0.0, 0.0, 0.0

@@ -39,7 +39,10 @@ class Vectors(NamedTuple):
 
 
 def vectors_over(inverse: Singles) -> Vectors:
-    """Return new vectors for the reciprocal diagonal `inverse` (n,), with residual and search direction 0."""
+    """Return new vectors of conjugate gradients for the reciprocal diagonal `inverse` (n,), which is not copied.
+
+    `r`, `s`, `w`, `before` and `p` are 0; the stored preconditioned residuals `z` (3, n) are not initialized.
+    """
     slots = len(inverse)
     r, s, w, before = np.zeros((4, slots), dtype=np.float32)
     return Vectors(inverse, r, s, w, before, np.empty((_DEPTH, slots), dtype=np.float32), np.zeros(slots))

@@ -229,9 +229,11 @@ def back_substitute(level: Row, slab: Slab) -> None:
 def update_slots(level: Row, kind: int, slab: Slab) -> None:
     """Prolong, combine or take a step on the black cells of one slab, cell by cell.
 
-    `PROLONG` adds the next level's solution to the vector ``before`` of the record. `COMBINE` sets ``before`` to the
-    weighted sum of both search directions ``c`` and ``z``. `STEP` subtracts the step times ``s`` from the residual
-    ``r``, copies ``z`` to ``c``, and sets ``before`` to ``r`` times the reciprocal diagonal; it also writes ``|r|^2``
+    Names in double backticks are fields of the record. The vector ``before`` holds the approximate solution: the
+    relaxed residual, then with corrections, finally the solution. `PROLONG` adds the next level's solution to it.
+    `COMBINE` sets it to the sum of both search directions ``c`` and ``z``, multiplied by both ``coefficients``. `STEP`
+    subtracts the first of the ``coefficients`` times ``s``, the product of the matrix with ``z``, from the residual
+    ``r``. It also copies ``z`` to ``c``, sets ``before`` to ``r`` times the reciprocal diagonal, and writes ``|r|^2``
     before and after the step to ``sums``, per block. `level`: record of the grid; `kind`: `PROLONG`, `COMBINE` or
     `STEP`; `slab`: range of blocks of cells.
     """

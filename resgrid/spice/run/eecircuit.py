@@ -42,7 +42,8 @@ def simulate_eecircuit(
 
     `data`: content of the deck; `source`: name of the deck in messages; `timeout`: longest run, in seconds; `direct`:
     whether the deck contains an analysis statement (if not, ``.op`` is added).  Raises ToolMissingError if the engine
-    is not installed, InputError for a deck with commands, and BudgetError after the timeout.
+    is not installed, BudgetError after the timeout, and InputError for a deck that could run commands or read files:
+    ``.control``, ``.exec``, ``.csparam``, ``.include``, ``.lib``, and ``.model`` and ``.func`` unless `direct`.
     """
     node, module = find_program(NODE_VARIABLE, "node", _INSTALL), find_module()
     refuse_commands(data, source, models=direct)

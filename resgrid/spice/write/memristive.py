@@ -41,7 +41,10 @@ from resgrid.spice.write.names import legal_names, name_elements, name_nodes
 from resgrid.spice.write.sidecar import digest
 
 _GAIN = 1e5
-"""Gain ``K`` of the rectangular window, in 1/s, divided by the largest possible drift of a state, in 1/s."""
+"""Ratio of the gain ``K`` of the rectangular window to the largest possible drift of a state, both in 1/s.
+
+In the drift ``dx/dt = max(min(k i, K (1 - x)), -K x)`` the gain stops the state ``x`` at its limits 0 and 1.
+"""
 
 _OUTPUTS = 10
 """Number of times, equally spaced from ``stop / 10`` to ``stop``, at which the sidecar holds expected values."""
@@ -235,7 +238,8 @@ def _drift(law: Memristor, speed: str, x: str, gain: float) -> str:
     """Return the expression of the drift of a state, in 1/s.
 
     `law`: law of the memristor, whose window limits the drift; `speed`: expression of the drift without a window, in
-    1/s; `x`: expression of the state; `gain`: gain ``K`` of the drift at the limits 0 and 1 of the state, in 1/s.
+    1/s; `x`: expression of the state; `gain`: gain ``K``, in 1/s.  With a rectangular window, the drift is limited to
+    ``K (1 - x)`` upwards and ``K x`` downwards, which stops the state at 1 and 0.
     """
     if law.window == "rectangular":
         return f"max(min({speed},{gain!r}*(1-{x})),-{gain!r}*{x})"
@@ -246,6 +250,7 @@ def _drift(law: Memristor, speed: str, x: str, gain: float) -> str:
 def _gain(circuit: MemristiveCircuit, corners: NDArray[np.float64]) -> float:
     """Return the gain ``K`` of the drift at the limits of a state, in 1/s: 1e5 times the largest possible drift.
 
+    In the drift ``dx/dt = max(min(k i, K (1 - x)), -K x)`` the gain stops the state ``x`` at its limits 0 and 1.
     `corners` (n, 2): times in seconds and factors of all sources.
     """
     netlist, factor = circuit.netlist, float(np.abs(corners[:, 1]).max()) or 1.0
