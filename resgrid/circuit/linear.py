@@ -226,7 +226,8 @@ def _suggests_cancellation(system: Equations, point: OperatingPoint) -> bool:
 def _recover(system: Equations, run: _Run, solution: _Solution) -> _Solution:
     """Return the solution with currents computed again without cancellation, or the given one if that fails.
 
-    The given solution is also returned if it is accurate and the new currents violate KCL more than its own.
+    In a circuit with two rails, an accurate given solution is also returned if the new currents violate KCL more than
+    its own, and by more than 1e-6 of the current through a node.
 
     `system`: equations; `run`: options of the solve; `solution`: solution before the recovery.
     """

@@ -127,8 +127,8 @@ def _cell_labels(placement: Placement, starts: set[Index]) -> Iterator[Text]:
 def _terminal_labels(placement: Placement) -> Iterator[Text]:
     """Yield the labels of the pins of supply, reference header, goal links and converter headers.
 
-    The reference header has three pins for measurements: supply, ground and ground. A goal link is a two-pin header
-    that ties a goal region to ground.
+    The reference header offers supply, ground and ground on three pins, for measurements. A goal link is a two-pin
+    header that ties a goal region to ground.
     """
     wiring = placement.circuit.wiring
     high = f"{wiring.supply:+g}V"
@@ -153,8 +153,9 @@ def _terminal_labels(placement: Placement) -> Iterator[Text]:
 def _front_legend(placement: Placement, lines: Iterable[str]) -> Iterator[Text]:
     """Yield the legend between the reference header and the goal links; nothing if it would have more than five lines.
 
-    The reference header has three pins for measurements: supply, ground and ground. Goal links are two-pin headers that
-    tie goal regions to ground. `lines`: lines of the legend, which are divided at spaces to fit between the headers.
+    The reference header offers supply, ground and ground on three pins, for measurements. Goal links are two-pin
+    headers that tie goal regions to ground. `lines`: lines of the legend, which are divided at spaces to fit between
+    the headers.
     """
     left, _, right, bottom = placement.ring
     links = [placed.x for placed in placement.headers if placed.value.startswith("LINK")]

@@ -38,12 +38,11 @@ class StreamReport:
     table : dict of list
         One column per name, with one entry per frame: ``frame`` (index), ``stamp`` and ``received`` (nanoseconds),
         ``kind`` (map, update, goal), ``changed`` (number of cells of the configuration space that changed between free,
-        obstacle and goal),
-        ``method`` of the solution (fresh, elimination, unchanged; none if nothing was solved), ``outcome``
-        (``not_planned`` if map, start or goal are missing), ``certified``, ``length`` and ``clearance`` in metres (NaN
-        without a path), ``x``, ``y`` (start), ``milliseconds`` (processor time from the occupancies to the certified
-        path), ``reason`` (why no goal is reached), ``note`` (problems of the message, such as an ignored update or a
-        pose from another time than the map; None without any).
+        obstacle and goal), ``method`` of the solution (fresh, elimination, unchanged; none if nothing was solved),
+        ``outcome`` (``not_planned`` if map, start or goal are missing), ``certified``, ``length`` and ``clearance`` in
+        metres (NaN without a path), ``x``, ``y`` (start), ``milliseconds`` (processor time from the occupancies to the
+        certified path), ``reason`` (why no goal is reached), ``note`` (problems of the message, such as an ignored
+        update or a pose from another time than the map; None without any).
     last : StreamedPath or None
         Result for the last frame; None if the recording has no frame.
     frames : int

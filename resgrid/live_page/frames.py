@@ -174,9 +174,9 @@ def _log_drop(frame: SolvedDrawing) -> NDArray[np.float64] | None:
 def _log_drop_of(field: AnyField) -> NDArray[np.float64] | None:
     """Return the natural logarithm of the drop of one circuit, shape of the space; None without an obstacle rail.
 
-    The drop is a fraction of the supply.  `field`: field of one circuit, not a blend; for a blend, `_log_drop` passes
-    the Dirichlet field.  In a preview (quick solution during a mouse gesture), drops below 1e-7 are replaced by 1e-7,
-    because normwise accuracy does not resolve them.
+    The drop is a fraction of the supply.  `field`: field of one circuit, for a blend its Dirichlet part.  In a preview
+    (quick solution during a mouse gesture), drops below 1e-7 are replaced by 1e-7, because normwise accuracy does not
+    resolve them.
     """
     if field.log_drop is not None:
         return at_cells(field, field.log_drop)

@@ -152,7 +152,7 @@ def check_collisions(
     -------
     Collision or None
         None without a collision.  In the plane, touching an obstacle, to within 1e-9, is not a collision.  For a robot
-        from a URDF file it is one, and distances below some 1e-6 m may be reported as collisions.
+        from a URDF file a touch is a collision, and distances below some 1e-6 m may be reported as collisions.
 
     Raises
     ------

@@ -187,11 +187,10 @@ def mark_link(
 
     A cell in which the link may collide, but does not at the centre, is subdivided once into ``parts`` parts per joint.
     Cells that are marked already are skipped. `out` (product of counts[:link + 1],): flat mask in C order, in which
-    cells are set to True; `first,
-    last`: the cells ``first .. last - 1`` of `out` are tested; `counts` (n,): number of cells per joint; `centres` (n,
-    max(counts)): joint angles of cell centres; `widths` (n,): cell widths in radians; `links`: the arm;
-    `self_collision`: whether links are tested against each other; `slack`: bound on the rounding error of distances, in
-    metres; `solids`: the obstacles.
+    cells are set to True; `first, last`: the cells ``first .. last - 1`` of `out` are tested; `counts` (n,): number of
+    cells per joint; `centres` (n, max(counts)): joint angles of cell centres; `widths` (n,): cell widths in radians;
+    `links`: the arm; `self_collision`: whether links are tested against each other; `slack`: bound on the rounding
+    error of distances, in metres; `solids`: the obstacles.
     """
     joints = np.empty((link + 2, 2))
     middle, angles, scratch = np.empty(link + 1), np.empty(link + 1), np.zeros(link + 1)
@@ -276,10 +275,9 @@ def mark_parallelograms(out: Flags, pieces: Floats, reach: float, plane: CellPla
 
     The tested box has the half widths ``plane.half_x, plane.half_y`` around the cell's centre: about the whole cell, or
     0 to test only the centre.  `out` (columns, rows): mask, row 0 at the lowest y, in which cells are set to True, and
-    other entries keep their values;
-    `pieces` (p, 6): x and y of a corner and of two edge vectors of each parallelogram, in metres; `plane`: grid.
-    The set of points within the distance is convex, so that in each row the marked cells form one interval.  The ends
-    of the interval lie on circles around the corners or on edges shifted outwards.
+    other entries keep their values; `pieces` (p, 6): x and y of a corner and of two edge vectors of each parallelogram,
+    in metres; `plane`: grid.  The set of points within the distance is convex, so that in each row the marked cells
+    form one interval.  The ends of the interval lie on circles around the corners or on edges shifted outwards.
     """
     columns, rows = out.shape
     for piece in range(len(pieces)):

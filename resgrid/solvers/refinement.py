@@ -84,8 +84,9 @@ _STEPS, _FEWEST_STEPS, _LEAST = 8, 2, 128
 """Size of the neighbourhood that is solved directly with inaccurate rows: maximum and minimum number of steps, and N.
 
 A step leads along one resistor. The neighbourhood grows to the maximum number of steps from the inaccurate rows, but
-only to the minimum once it has half of the rows that may be solved directly (`_MOST`). It grows on beyond either number
-until it has 1/N of all rows of the matrix: along a slit, all voltages beyond depend on the ones before.
+only to the minimum once it has half of the rows that may be solved directly: 20,000 (100,000 on a two-dimensional
+grid), and at most a tenth of all rows. It grows on beyond either number of steps until it has 1/N of all rows of the
+matrix: along a slit, all voltages beyond depend on the ones before.
 """
 
 _MOST, _MOST_OF_PLANE, _ONE_IN = 20_000, 100_000, 10

@@ -8,7 +8,7 @@ from math import ceil, prod
 from resgrid._internal.memory import require_grid_memory
 
 _SOLUTION = 40
-"""Approximate peak memory of solving a circuit, divided by the memory of building the cells of the same grid."""
+"""Approximate memory for solving a circuit, divided by the memory for sampling a scene: the cells of the same grid."""
 
 
 def smaller_map(shape: Sequence[int], ratio: float, known: Sequence[tuple[int, int]] | None) -> str:

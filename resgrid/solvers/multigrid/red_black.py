@@ -35,8 +35,8 @@ class RedBlackLayout:
     """Memory layout of a grid's cells: each cell has a slot, its index in the arrays (slots,) of its colour.
 
     The colours are red and black; the slots of both count from 0. `shape`: number of cells along every axis, two axes
-    or more; `extras`: number of additional slots, equal for both colours, after those of the grid. They belong to
-    extra nodes: the connected components of a cell (a block of finer cells) except the first.
+    or more; `extras`: number of additional slots, equal for both colours, after those of the grid. They belong to extra
+    nodes: the connected components of a cell (a block of finer cells) except the first.
     """
 
     shape: tuple[int, ...]

@@ -239,7 +239,7 @@ def _drift(law: Memristor, speed: str, x: str, gain: float) -> str:
 
     `law`: law of the memristor, whose window limits the drift; `speed`: expression of the drift without a window, in
     1/s; `x`: expression of the state; `gain`: gain ``K``, in 1/s.  With a rectangular window, the drift is limited to
-    ``K (1 - x)`` upwards and ``K x`` downwards, which stops the state at 1 and 0.
+    ``K (1 - x)`` upwards and ``K x`` downwards, which stops the state at 1 and 0; other windows do not use the gain.
     """
     if law.window == "rectangular":
         return f"max(min({speed},{gain!r}*(1-{x})),-{gain!r}*{x})"
