@@ -163,7 +163,7 @@ def test_json_and_npz_files_contain_the_timed_columns(call, room, tmp_path, suff
         (("--queries", "some.scen", "--goal-tolerance", "2"), "leave out --goal-tolerance"),
         (("--via", "1,1", "--rate", "10"), "leave out --shorten, --speed, --acceleration, --rate"),
         (("--escape", "--acceleration", "1"), "leave out --shorten, --speed, --acceleration, --rate"),
-        (("--approximate", "--fixed-joints"), "--fixed-joints, --queries and --method"),
+        (("--approximate", "--fixed-joints"), "--fixed-joints, --queries, --method, --ranks and --launcher"),
         (("-o", "paths.txt"), ".csv, .json, .npz or .yaml"),
     ],
 )
