@@ -127,7 +127,8 @@ def gradient_of(
     own = adjoint.voltage
     injection = own.plain
     injection[op.floating] = np.nan
-    nonlinear = unscaled(adjoint.resistor[0][count:], adjoint.resistor[1][count:])
+    amps, siemens = (adjoint.resistor[0][count:], adjoint.resistor[1][count:]), netlist.conductance[count:]
+    fall = _product(amps, (siemens, 0 * amps[1]), siemens)  # adjoint voltages across nonlinear resistors
     return Gradient(
         op=op,
         value=value,
@@ -135,8 +136,8 @@ def gradient_of(
         voltage=unscaled(*adjoint.source),
         current=-unscaled(*adjoint.fall),
         injection=injection,
-        nonlinear_current=-nonlinear / netlist.conductance[count:] * op.nonlinear_amps / given.nonlinear_current,
-        nonlinear_voltage=nonlinear * nonlinear_drops(op) / given.nonlinear_voltage,
+        nonlinear_current=-fall * (op.nonlinear_amps / given.nonlinear_current),
+        nonlinear_voltage=unscaled(*amps) * (nonlinear_drops(op) / given.nonlinear_voltage),
         leak=_leaks(given, slope, own, above),
         cost=cost,
     )
