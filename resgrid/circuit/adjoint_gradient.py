@@ -43,7 +43,9 @@ class Gradient:
     op : OperatingPoint
         Operating point at which the derivatives are taken.
     value : float
-        Value of the function.
+        Value of the function.  A weighted sum of voltages is computed from the voltages, rounded to doubles, or in a
+        linear circuit of at most 500 nodes from the derivatives by the sources, whichever cancels less; its error is
+        a rounding error of the largest term.  Sums of log drops are computed from the log drops.
     conductance : ndarray of float64, shape (resistors,)
         Derivative with respect to the conductance of every resistor, per siemens.
     voltage : ndarray of float64, shape (sources,)
