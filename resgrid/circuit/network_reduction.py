@@ -58,9 +58,6 @@ _LEAST_USUAL = 1e-100
 MOST_ERROR = 1e-6
 """Largest accepted bound on the relative error of a conductance or resistance."""
 
-_PROVED = 1e-10
-"""Bound on the relative error of inner voltages up to which their accuracy needs no further proof."""
-
 _MANY_SOLVES, _MOST_FILL = 8, 120.0
 """Limits for the direct method: smallest number of right-hand sides, and largest number of factor entries per row.
 
@@ -282,14 +279,13 @@ def _currents(factor: Factor, contacts: Contacts, rhs: NDArray[np.float64]) -> _
     watch = ProgressMonitor()
     x = factor.solve_nonnegative(rhs, watch=watch)[0].plain
     amps, is_usual = into_terminals(x), _is_usual(factor.laplacian)
-    if watch.bound <= _PROVED and is_usual:
+    limit = 2.0 * factor.rounding_bound if isinstance(factor, DirectFactor) else MOST_ERROR
+    if watch.bound <= limit and is_usual:
         return _Currents(amps, watch.bound, 0.0)
     if isinstance(factor, DirectFactor):
-        first, bound = into_terminals(factor.factors.solve(rhs)), factor.rounding_bound
-        refined = np.where(np.abs(amps - first) <= bound * first, amps, first)
-        return _Currents(refined, 2.0 * bound, 0.0)
-    if watch.bound <= MOST_ERROR and is_usual:
-        return _Currents(amps, watch.bound, 0.0)
+        first = into_terminals(factor.factors.solve(rhs))
+        refined = np.where(np.abs(amps - first) <= factor.rounding_bound * first, amps, first)
+        return _Currents(refined, limit, 0.0)
     return _Currents(amps, 0.0, _residual_current(factor.laplacian, rhs, x, watch.error) if is_usual else np.inf)
 
 
