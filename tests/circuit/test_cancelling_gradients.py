@@ -85,7 +85,7 @@ def test_the_value_of_a_weighted_sum_keeps_its_digits_where_voltages_nearly_canc
     op = rg.solve(rg.Netlist(4, [[0, 1], [1, 2], [2, 3]], [1.0, 1.0, 1e12], source_nodes=[[3, 1]], source_volts=[1.0]))
     expected = float(1 / (1 + Fraction(10) ** 12))
     for found in (rg.gradient(op, [0.0, 0.0, -1.0, 1.0]), rg.circuit.pullback(op, voltage=[0.0, 0.0, -1.0, 1.0])):
-        assert found.value == pytest.approx(expected, rel=1e-15)
+        assert found.value == pytest.approx(expected, rel=1e-15, abs=0.0)
 
 
 def test_the_value_of_a_weighted_sum_of_huge_terms_has_the_right_sign() -> None:
