@@ -180,6 +180,19 @@ def test_resistances_beyond_doubles_and_ranges_of_large_circuits_are_rejected() 
     assert found.resistance[0] == pytest.approx(2499, rel=1e-12)
 
 
+def test_currents_of_pairs_with_extreme_conductances_are_finite_or_rejected() -> None:
+    flow = rg.circuit.pair_currents(network([[0, 1], [0, 1]], [1.7e308, 1.7e308]), 1, 0)
+    assert flow.resistance == pytest.approx(0.5 / 1.7e308, rel=1e-15) and flow.voltage[1] == flow.resistance
+    np.testing.assert_array_equal(flow.resistor_current, [-0.5, -0.5])
+    flow = rg.circuit.pair_currents(network([[0, 1], [1, 2], [2, 3]], [1.0, 1e-150, 1e300]), 3, 0)
+    assert flow.resistance == pytest.approx(1e150, rel=1e-15)
+    weak = network([[0, 1], [1, 2]], [1e-308, 1e-308])
+    with pytest.raises(rg.CircuitError, match=r"exceeds 1\.8e308.* check the unit of the smallest"):
+        rg.circuit.pair_currents(weak, 2, 0)
+    with pytest.raises(rg.CircuitError, match=r"exceeds 1\.8e308.* choose a smaller current"):
+        rg.circuit.pair_currents(network([[0, 1]], [1e-200]), 1, 0, amps=1e150)
+
+
 def test_multigrid_has_a_bound_where_no_current_flows() -> None:
     side = 60
     found = rg.effective_resistance(grid(side, side), [(0, side * side - 1)], method="multigrid")
