@@ -158,7 +158,7 @@ def _of_quotient(error: float) -> float:
 
     `error`: bound on the relative error of ``x``.
     """
-    return error / (1.0 - error) if error < 1.0 else np.inf
+    return float(error / (1.0 - error)) if error < 1.0 else np.inf
 
 
 def _with_rounding(found: Bounded) -> Bounded:
