@@ -43,7 +43,9 @@ class Gradient:
     op : OperatingPoint
         Operating point at which the derivatives are taken.
     value : float
-        Value of the function.
+        Value of the function.  A weighted sum of voltages is computed from the voltages, rounded to doubles, or in a
+        linear circuit of at most 500 nodes from the derivatives by the sources, whichever cancels less; its error is
+        a rounding error of the largest term.  Sums of log drops are computed from the log drops.
     conductance : ndarray of float64, shape (resistors,)
         Derivative with respect to the conductance of every resistor, per siemens.
     voltage : ndarray of float64, shape (sources,)
@@ -127,7 +129,8 @@ def gradient_of(
     own = adjoint.voltage
     injection = own.plain
     injection[op.floating] = np.nan
-    nonlinear = unscaled(adjoint.resistor[0][count:], adjoint.resistor[1][count:])
+    amps, siemens = (adjoint.resistor[0][count:], adjoint.resistor[1][count:]), netlist.conductance[count:]
+    fall = _product(amps, (siemens, 0 * amps[1]), siemens)  # adjoint voltages across nonlinear resistors
     return Gradient(
         op=op,
         value=value,
@@ -135,8 +138,8 @@ def gradient_of(
         voltage=unscaled(*adjoint.source),
         current=-unscaled(*adjoint.fall),
         injection=injection,
-        nonlinear_current=-nonlinear / netlist.conductance[count:] * op.nonlinear_amps / given.nonlinear_current,
-        nonlinear_voltage=nonlinear * nonlinear_drops(op) / given.nonlinear_voltage,
+        nonlinear_current=-fall * (op.nonlinear_amps / given.nonlinear_current),
+        nonlinear_voltage=unscaled(*amps) * (nonlinear_drops(op) / given.nonlinear_voltage),
         leak=_leaks(given, slope, own, above),
         cost=cost,
     )

@@ -272,15 +272,18 @@ class IntegerState:
         The floor is ``2**-depth`` times the largest voltage or current.
         """
         system, netlist = self.system, self.system.netlist
-        amps, watts = np.zeros(len(netlist.conductance)), 0
+        amps, watts, places = np.zeros(len(netlist.conductance)), 0, 0
         digits = max((each.places for each in self.resistors), default=0)
         for each in self.resistors:
             fall = self.volts[each.nodes[0]] - self.volts[each.nodes[1]]
             amps[each.number] = nearest(fall * each.siemens, self.unit_volts - each.places)
+            places = max(places, (fall * each.siemens).bit_length() + self.unit_volts - each.places)
             watts += fall * fall * each.siemens << digits - each.places
-        source_amps = np.array([nearest(amps, self.unit_amps) for amps in self.source_currents()])
+        sources = self.source_currents()
+        source_amps = np.array([nearest(amps, self.unit_amps) for amps in sources])
+        places = max([places, *(amps.bit_length() + self.unit_amps for amps in sources)])
         largest = max(np.abs(amps).max(initial=0.0), np.abs(source_amps).max(initial=0.0))
-        least = math.ldexp(min(largest, sys.float_info.max), -self.depth)
+        least = math.ldexp(largest, -self.depth) if np.isfinite(largest) else math.ldexp(1.0, places - 1 - self.depth)
         least = max(least, nearest(1 << self.floor, self.unit_amps))
         through = np.bincount(netlist.resistor_nodes.ravel(), np.repeat(np.abs(amps), 2), netlist.node_count)
         amps[np.abs(amps) <= least] = source_amps[np.abs(source_amps) <= least] = 0.0

@@ -18,6 +18,12 @@ from resgrid.core.netlist import GROUND, Netlist
 from resgrid.core.regions import label_components
 from resgrid.errors import CircuitError
 
+_USUAL_PLACES, _LEAST_PLACES = 900, -1000
+"""Magnitude of the binary logarithm of the largest conductance in siemens up to which conductances are not scaled.
+
+The second number is the smallest binary logarithm of a scaled conductance, at which no digits underflow.
+"""
+
 
 @frozen
 @dataclass(frozen=True, eq=False)
@@ -113,7 +119,7 @@ def pair_currents(
     InputError
         If a node does not exist, or the circuit has nonlinear resistors.
     CircuitError
-        If the terminals are joined, or no resistors connect them.
+        If the terminals are joined, no resistors connect them, or a result exceeds the range of doubles.
     AccuracyError
         If the accuracy is not reached.
 
@@ -150,21 +156,30 @@ def currents_between_groups(
     part = label_components(group[netlist.resistor_nodes], int(group.max()) + 1)
     if part[high] != part[low]:
         raise _not_connected(netlist, group, high, low)
-    driven, place = _driven(netlist, group, high, low)
+    places = _excess_places(netlist)
+    scaled = netlist.replace(conductance=np.ldexp(netlist.conductance, -places)) if places else netlist
+    driven, place = _driven(scaled, group, high, low)
     point = solve_linear(driven, accuracy="direction", method=method, rtol=1e-10, threads=threads)
     ends = group[netlist.resistor_nodes]
     current = np.where(ends[:, 0] == ends[:, 1], 0.0, point.resistor_current)
     through = through_nodes(ends, current, int(group.max()) + 1)
     total = float(through[high])
-    if not total > 0.0:
-        raise _not_connected(netlist, group, high, low)
-    scale = amps / total
+    with np.errstate(all="ignore"):
+        scale = np.divide(amps, total)
+        ohms = float(np.ldexp(np.divide(1.0, total), -places))
+        watts, volts = ohms * amps * amps, np.ldexp(point.voltage[place] * scale, -places)
+    if not (np.isfinite([scale, watts]).all() and total < np.inf) or np.isinf(volts).any():
+        raise CircuitError(
+            f"the effective resistance, the power or a voltage exceeds 1.8e308, the range of double precision, with "
+            f"{amps:g} A between the terminals; "
+            + ("choose a smaller current" if np.isfinite(ohms) else "check the unit of the smallest conductances")
+        )
     return PairCurrents(
         netlist=netlist,
-        resistance=1.0 / total,
+        resistance=ohms,
         amps=amps,
-        power=amps * amps / total,
-        voltage=point.voltage[place] * scale,
+        power=watts,
+        voltage=volts,
         resistor_current=current * scale,
         node_current=through[group] * scale,
         point=point,
@@ -178,6 +193,18 @@ def _not_connected(netlist: Netlist, group: Nodes, high: int, low: int) -> Circu
         f"no resistors connect the nodes {names[0]} and {names[1]}, so that no current can flow between them; "
         "their effective resistance is infinite"
     )
+
+
+def _excess_places(netlist: Netlist) -> int:
+    """Return the binary logarithm of a divisor of all conductances, 0 if the largest conductance is usual.
+
+    Divided by its power of two, the largest conductance is between 0.5 and 1 S.  The result is also 0 if the smallest
+    conductance would then underflow.
+    """
+    if not netlist.conductance.size:
+        return 0
+    most, least = (int(np.frexp(siemens)[1]) for siemens in (netlist.conductance.max(), netlist.conductance.min()))
+    return most if abs(most) > _USUAL_PLACES and least - most > _LEAST_PLACES else 0
 
 
 def through_nodes(ends: NDArray[Any], current: NDArray[np.float64], count: int) -> NDArray[np.float64]:

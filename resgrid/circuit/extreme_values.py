@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 
 from resgrid.circuit.cancellation import NEAR_FLOOR, IntegerState, Pairs, refine_in_integers
 from resgrid.circuit.equations import Equations
-from resgrid.circuit.operating_point import OUT_OF_RANGE, BranchCurrents, OperatingPoint
+from resgrid.circuit.operating_point import BranchCurrents, OperatingPoint
 from resgrid.circuit.sources import without_loops
 from resgrid.core.netlist import Netlist
-from resgrid.errors import AccuracyError, CircuitError
+from resgrid.errors import AccuracyError
 from resgrid.solvers.conservative_factors import Column, Fixed, nearest
 from resgrid.solvers.scaled import BITS, Numbers
 
@@ -83,16 +83,15 @@ def is_extreme(netlist: Netlist) -> bool:
 def solve_extreme(system: Equations) -> OperatingPoint:
     """Return the operating point of the equations, without the currents of floating components and without times.
 
-    Every voltage and current is rounded once.  Raise CircuitError if a voltage exceeds the range of doubles,
-    AccuracyError if the refinement diverges.
+    Every voltage and current is rounded once; voltages beyond the range of doubles are infinite.  Raise AccuracyError
+    if the refinement diverges.
     """
     state = refine_in_integers(system, _columns(system), _DEPTH, _GUARD)
     if state is None:
         raise AccuracyError(
             "the conductances span too many orders of magnitude; check the smallest and the largest one"
         )
-    if np.isinf((found := state.rounded()).volts).any():
-        raise CircuitError(OUT_OF_RANGE)
+    found = state.rounded()
     amps, exponent = _scaled_currents(state)
     log_drop, potential = _log_drops(state), _potentials(state)
     currents = BranchCurrents(found.amps, (amps, exponent), found.source_amps, found.power, _residual(state))

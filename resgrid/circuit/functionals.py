@@ -5,8 +5,9 @@ Gradients of these sums are computed elsewhere, by the adjoint method.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,6 +22,29 @@ from resgrid.solvers.scaled import BITS, Numbers, Scaled
 
 _LOG_UNIT = BITS * float(np.log(2.0))
 """Natural logarithm of ``2**256``, the factor that a separate exponent of 1 stands for."""
+
+
+class DotProduct(NamedTuple):
+    """Dot product of two vectors, and the binary logarithm of the sum of the magnitudes of its terms, -inf for 0."""
+
+    value: float
+    log_size: float
+
+
+def dot_product(first: NDArray[np.float64], second: NDArray[np.float64]) -> DotProduct:
+    """Return the dot product of two vectors (k,), in which no term overflows or underflows.
+
+    The error is at most a rounding error of every term and of the result.
+    """
+    (one, e_one), (two, e_two) = np.frexp(first), np.frexp(second)
+    terms, exponent = one * two, e_one.astype(np.int64) + e_two
+    if not terms.any():
+        return DotProduct(0.0, -np.inf)
+    unit = int(exponent[terms != 0.0].max())
+    scaled = np.ldexp(terms, np.maximum(exponent - unit, -4000).astype(np.int32)).tolist()
+    with np.errstate(over="ignore"):
+        value = float(np.ldexp(math.fsum(scaled), unit))
+    return DotProduct(value, unit + math.log2(math.fsum(map(abs, scaled))))
 
 
 def place_weights(netlist: Netlist, at: Any, weights: ArrayLike | None, cells: bool) -> NDArray[np.float64]:

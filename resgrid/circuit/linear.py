@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from resgrid.circuit.equations import ALWAYS_RECOVERED, Equations, assemble, components_of
 from resgrid.circuit.extreme_values import is_extreme, solve_extreme
-from resgrid.circuit.operating_point import BranchCurrents, OperatingPoint
+from resgrid.circuit.operating_point import OUT_OF_RANGE, BranchCurrents, OperatingPoint
 from resgrid.circuit.postprocess import (
     DIRECTION_RESIDUAL,
     NodeValues,
@@ -23,7 +23,7 @@ from resgrid.circuit.postprocess import (
     values_above,
 )
 from resgrid.core.netlist import GROUND, Netlist
-from resgrid.errors import AccuracyError
+from resgrid.errors import AccuracyError, CircuitError
 from resgrid.solvers.factors import EXACT_ROWS, Factor
 from resgrid.solvers.laplacian import conductance_statistics
 from resgrid.solvers.method_choice import factor_laplacian
@@ -44,15 +44,16 @@ _LEAST_PLACES = -800
 
 
 def solve_linear(
-    netlist: Netlist, *, accuracy: str, method: str, rtol: float, threads: int = 1, progress: Progress | None = None
-) -> OperatingPoint:
+    netlist: Netlist, *, accuracy: str, method: str, rtol: float, threads: int = 1, progress: Progress | None = None,
+    unlimited: bool = False,
+) -> OperatingPoint:  # fmt: skip
     """Return the operating point of a netlist without nonlinear resistors.
 
     `accuracy`: ``"direction"`` (componentwise) or ``"normwise"``; `method`: ``"auto"``, ``"direct"`` or
     ``"multigrid"``; `rtol`: largest backward error for ``"normwise"``; `threads`: largest number of threads;
     `progress`: function called after every iteration with the number of iterations, the relative residual norm, and the
-    estimated remaining seconds or None.  Raise CircuitError without an operating point, AccuracyError if the accuracy
-    is not reached.
+    estimated remaining seconds or None; `unlimited`: whether voltages of extreme circuits may be infinite.  Raise
+    CircuitError without an operating point, AccuracyError if the accuracy is not reached.
 
     The stages, whose wall-clock times are in `OperatingPoint.seconds`:
 
@@ -70,6 +71,8 @@ def solve_linear(
         if is_extreme(netlist):
             with run.timed("balance"):
                 point = replace(solve_extreme(system), seconds=run.seconds)
+            if not unlimited and np.isinf(point.voltage).any():
+                raise CircuitError(OUT_OF_RANGE)
         elif accuracy == "normwise":
             point = _solve_normwise(system, run, rtol)
         else:
@@ -80,7 +83,7 @@ def solve_linear(
             point = solution.point
     if _is_driven_where_floating(system):
         floating, resistors, sources = _floating_components(system)
-        currents = solve_linear(floating, accuracy=accuracy, method=method, rtol=rtol).readings
+        currents = solve_linear(floating, accuracy=accuracy, method=method, rtol=rtol, unlimited=True).readings
         point = replace(point, _currents=_merged(point.readings, currents, resistors, sources))
     return point
 

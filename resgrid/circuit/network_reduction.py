@@ -2,14 +2,18 @@
 
 The terminals are tied to rails, and the voltage of one rail at a time is 1 V.  With the voltages ``x`` of the inner
 nodes for terminal ``i`` at 1 V, the conductance of the reduced network between terminals ``i`` and ``j`` is the current
-into terminal ``j``, ``g_ij + sum_m g_jm x_m`` (Dorfler & Bullo 2013).  All terms are positive and all voltages have a
-small relative error (`resgrid.solvers.factors`), so that every conductance has a small relative error, whatever its
-size.  One factorization serves all terminals.
+into terminal ``j``, ``g_ij + sum_m g_jm x_m`` (Dorfler & Bullo 2013).  All terms are positive.  One factorization
+serves all terminals.
 
-A relative error of at most ``e`` in every conductance changes an effective resistance by at most ``e``, because
-effective resistances are monotone in conductances (Rayleigh 1871) and have degree -1.  The elimination of a node from
-the reduced network (`resgrid.circuit.resistance_kernels`) only rounds the remaining conductances, and these errors add
-up to at most a few roundings per eliminated node.
+Elimination without subtractions gives every voltage a small relative error (`resgrid.solvers.factors`).  Iterative
+refinement reduces this error, but increases it if the conductances span more digits than double-doubles have: then the
+voltages of the first substitution are used.
+
+Products below the range of doubles underflow.  A lost product changes one conductance ``g_mn``, of the circuit or of
+a partly eliminated one, by at most the smallest double ``e``.  This changes ``C_ij`` by at most ``e``, because
+``dC_ij / dg_mn = (x_m - x_n) (y_m - y_n)`` with the voltages ``x`` and ``y`` for terminals ``i`` and ``j`` at 1 V,
+which lie between 0 and 1 V.  Likewise, residual currents ``r`` change ``C_ij`` by ``sum_m r_m y_m``, at most the sum of
+their magnitudes.
 """
 
 from __future__ import annotations
@@ -28,28 +32,37 @@ from resgrid._internal.parallel import JobPart, in_order
 from resgrid.circuit.equations import sum_by_row
 from resgrid.circuit.terminals import Nodes
 from resgrid.core.netlist import Netlist
-from resgrid.errors import AccuracyError
-from resgrid.solvers.factors import EXACT_ROWS, Factor, factor_direct
+from resgrid.solvers.factors import DirectFactor, Factor, factor_direct
 from resgrid.solvers.laplacian import EdgeList, Grid, Laplacian, Rails
 from resgrid.solvers.method_choice import check_method, direct_memory, factor_laplacian
 from resgrid.solvers.progress import ProgressMonitor
-from resgrid.solvers.refinement import is_answer
 from resgrid.solvers.threads import ThreadTeam
 
 Count = Callable[[int, int], None]
 """Progress callback, called with the number of finished steps and the total number of steps."""
 
-_ROUNDINGS = 8.0 * np.finfo(np.float64).eps
+_EPS = float(np.finfo(np.float64).eps)
+
+_ROUNDINGS = 8.0 * _EPS
 """Bound on the relative error that rounding adds to a conductance when a node is eliminated or currents are summed."""
+
+_UNDERFLOW = 2.0**-1000
+"""Bound on the sum of all products that underflow, as a fraction of the sum of the conductances (at least 1 S).
+
+The bound holds for up to ``2**70`` products.
+"""
+
+_LEAST_USUAL = 1e-100
+"""Smallest ratio of two conductances for which residuals of KCL do not underflow in double-double arithmetic."""
+
+MOST_ERROR = 1e-6
+"""Largest accepted bound on the relative error of a conductance or resistance."""
 
 _MANY_SOLVES, _MOST_FILL = 8, 120.0
 """Limits for the direct method: smallest number of right-hand sides, and largest number of factor entries per row.
 
 Method "auto" uses iterations for fewer right-hand sides or fuller factors.
 """
-
-_LEAF = 16
-"""Largest number of nodes of a network whose resistances are computed by a separate elimination for every pair."""
 
 
 class Contacts(NamedTuple):
@@ -70,13 +83,27 @@ class Contacts(NamedTuple):
 class Reduction:
     """Conductances between terminals, and their accuracy.
 
-    `conductance` (k, k): symmetric conductances in siemens, 0 on the diagonal; `error`: bound on their relative error,
-    infinite if the solver gives no bound; `method`: method of the linear solves, ``"none"`` if all nodes are terminals.
+    `conductance` (k, k): symmetric conductances in siemens, 0 on the diagonal; `relative`, `absolute`: the error of a
+    conductance ``C`` is at most ``relative C + absolute``, in siemens; `method`: method of the linear solves,
+    ``"none"`` if all nodes are terminals.
     """
 
     conductance: NDArray[np.float64]
-    error: float
+    relative: float
+    absolute: float
     method: str
+
+
+class _Currents(NamedTuple):
+    """Currents into the terminals while one terminal is at 1 V and the others at 0 V.
+
+    `amps` (k,): currents through inner nodes, in amperes; the error of a current ``I`` is at most ``relative I +
+    absolute``, without underflow and the rounding of the sum.
+    """
+
+    amps: NDArray[np.float64]
+    relative: float
+    absolute: float
 
 
 def reduce_to_groups(
@@ -94,7 +121,8 @@ def reduce_to_groups(
     `group` (nodes,): number of the group of joined nodes of every node; `terminals` (k,): different groups that are
     terminals; `method`: ``"auto"``, ``"direct"`` or ``"multigrid"``; `threads`: largest number of threads of one solve;
     `executor`: workers that share the terminals, None for this process; `progress`: called as ``progress(done, total)``
-    after every terminal. Raises AccuracyError if the accuracy is not reached.
+    after every terminal. The largest conductance must be between ``2**-100`` and ``2**100`` S. Raises AccuracyError if
+    a pivot leaves the range of doubles.
     """
     check_method(method)
     count = len(terminals)
@@ -104,26 +132,35 @@ def reduce_to_groups(
     terminal = terminal_of[group]
     own = _between_terminals(netlist, terminal, count)
     laplacian, contacts = _inner_network(netlist, group, terminal, count)
+    underflow = _UNDERFLOW * max(1.0, float(netlist.conductance.sum()))
+    rounding = max(_ROUNDINGS, _EPS * _most_terms(netlist, terminal, contacts))
     if not contacts.size or not len(contacts.row):
-        return Reduction(own + own.T, 2.0 * float(np.finfo(np.float64).eps), "none")
+        return Reduction(own + own.T, rounding, underflow, "none")
     with ThreadTeam(threads) as team:
         factor = _factor(laplacian, method, count - 1, team)
         del laplacian
-        shared, error, backward = (factor, contacts), 0.0, 0.0
-        part = JobPart(_currents_of, shared, range(count - 1), "terminals")
+        relative = absolute = 0.0
+        part = JobPart(_currents_of, (factor, contacts), range(count - 1), "terminals")
         with closing(in_order([part], executor)) as results:
-            for number, (amps, bound, residual) in enumerate(results):
-                own[number, number + 1 :] += amps[number + 1 :]
-                error, backward = max(error, bound), max(backward, residual)
+            for number, found in enumerate(results):
+                own[number, number + 1 :] += found.amps[number + 1 :]
+                relative, absolute = max(relative, found.relative), max(absolute, found.absolute)
                 if progress is not None:
                     progress(number + 1, count - 1)
-    if not is_answer(backward, error):
-        raise AccuracyError(
-            f"method {factor.name!r} reached a componentwise backward error of only {backward:.1e}: the conductances "
-            "span more orders of magnitude than it can represent; use another method"
-        )
     upper = np.triu(own, 1)
-    return Reduction(upper + upper.T, error + _ROUNDINGS, factor.name)
+    return Reduction(upper + upper.T, relative + rounding, absolute + underflow, factor.name)
+
+
+def _most_terms(netlist: Netlist, terminal: NDArray[np.int32], contacts: Contacts) -> int:
+    """Return the largest number of resistors whose currents are summed to one conductance between terminals.
+
+    `terminal` (nodes,): terminal of every node, -1 for inner nodes; `contacts`: resistors between inner nodes and
+    terminals.
+    """
+    low, high = np.sort(terminal[netlist.resistor_nodes], axis=1).T.astype(np.int64)
+    direct = (low >= 0) & (low < high)
+    between = np.bincount(low[direct] * contacts.terminals + high[direct], minlength=1).max()
+    return int(between + np.bincount(contacts.terminal, minlength=1).max())
 
 
 def _factor(laplacian: Laplacian, method: str, solves: int, team: ThreadTeam) -> Factor:
@@ -212,107 +249,61 @@ def _reached(netlist: Netlist, group: Nodes, terminal: NDArray[np.int32]) -> NDA
     return np.asarray(touched[part[group]])
 
 
-def _currents_of(shared: tuple[Factor, Contacts], numbers: range) -> list[tuple[NDArray[np.float64], float, float]]:
+def _currents_of(shared: tuple[Factor, Contacts], numbers: range) -> list[_Currents]:
     """Return the currents into all terminals while one terminal is at 1 V and the others at 0 V.
 
     `shared`: factors of the matrix of the inner nodes, and contacts; `numbers`: numbers of the terminals that are at 1
-    V one after another. The result for each number consists of the currents through inner nodes in amperes, (k,), the
-    bound on the relative error of the inner voltages, and the componentwise backward error of these voltages; for a
-    terminal without contacts all are 0.
+    V one after another. The currents of a terminal without contacts are 0.
     """
     factor, contacts = shared
     results = []
     for number in numbers:
         own = contacts.terminal == number
-        if not own.any():
-            results.append((np.zeros(contacts.terminals), 0.0, 0.0))
-            continue
-        watch = ProgressMonitor()
-        rhs = sum_by_row(contacts.row[own], contacts.conductance[own], contacts.size)
-        x, _ = factor.solve_nonnegative(rhs, watch=watch)
-        amps = sum_by_row(contacts.terminal, contacts.conductance * x.plain[contacts.row], contacts.terminals)
-        bound = watch.bound
-        if contacts.size <= EXACT_ROWS:  # refinement never moves entries by more than this bound
-            bound = min(bound, 4.0 * factor.substitution_bound())
-        results.append((amps, bound, watch.error))
+        if own.any():
+            rhs = sum_by_row(contacts.row[own], contacts.conductance[own], contacts.size)
+            results.append(_currents(factor, contacts, rhs))
+        else:
+            results.append(_Currents(np.zeros(contacts.terminals), 0.0, 0.0))
     return results
 
 
-def resistances_between(conductance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the effective resistance between every two nodes of a dense network, in ohms, (k, k).
+def _currents(factor: Factor, contacts: Contacts, rhs: NDArray[np.float64]) -> _Currents:
+    """Return the currents into all terminals for the currents `rhs` (n,) into the inner nodes, in amperes.
 
-    The resistance between nodes that are not connected is infinite. `conductance` (k, k): symmetric conductances in
-    siemens. Nodes are eliminated without subtractions. Divide and conquer (the nodes of one half are eliminated once
-    for all pairs of the other half) takes about ``3 k**3`` operations.
+    `factor`: factors of the matrix of the inner nodes; `contacts`: resistors between inner nodes and terminals.
     """
-    count = len(conductance)
-    resistance = np.zeros((count, count))
-    largest = float(conductance.max(initial=0.0))
-    if count < 2 or not largest:
-        resistance[~np.eye(count, dtype=np.bool_)] = np.inf
-        return resistance
-    unit = 2.0 ** np.floor(np.log2(largest))
-    _within(conductance / unit, np.arange(count), resistance)
-    with np.errstate(over="ignore"):
-        return np.asarray(resistance / unit)
+
+    def into_terminals(x: NDArray[np.float64]) -> NDArray[np.float64]:
+        return sum_by_row(contacts.terminal, contacts.conductance * x[contacts.row], contacts.terminals)
+
+    watch = ProgressMonitor()
+    x = factor.solve_nonnegative(rhs, watch=watch)[0].plain
+    amps, is_usual = into_terminals(x), _is_usual(factor.laplacian)
+    limit = 2.0 * factor.rounding_bound if isinstance(factor, DirectFactor) else MOST_ERROR
+    if watch.bound <= limit and is_usual:
+        return _Currents(amps, watch.bound, 0.0)
+    if isinstance(factor, DirectFactor):
+        first = into_terminals(factor.factors.solve(rhs))
+        refined = np.where(np.abs(amps - first) <= factor.rounding_bound * first, amps, first)
+        return _Currents(refined, limit, 0.0)
+    return _Currents(amps, 0.0, _residual_current(factor.laplacian, rhs, x, watch.error) if is_usual else np.inf)
 
 
-def _within(network: NDArray[np.float64], nodes: NDArray[np.int64], out: NDArray[np.float64]) -> None:
-    """Compute the effective resistances between all nodes of a network, and write them to `out`.
+def _is_usual(laplacian: Laplacian) -> bool:
+    """Return whether residuals of the matrix do not underflow, so that bounds computed from residuals are valid."""
+    _, _, conductance, leak = laplacian.graph
+    least = min(conductance.min(initial=np.inf), leak.min(initial=np.inf, where=leak > 0.0))
+    return bool(least > _LEAST_USUAL * max(conductance.max(initial=0.0), leak.max(initial=0.0)))
 
-    `network` (k, k): conductances; `nodes` (k,): index in `out` of every node; `out` (n, n): resistances, in units of 1
-    / conductance.
+
+def _residual_current(laplacian: Laplacian, rhs: NDArray[np.float64], x: NDArray[np.float64], backward: float) -> float:
+    """Return a bound on the sum of the magnitudes of the residual currents of a solution, in amperes.
+
+    `rhs` (n,): currents into the rows in amperes; `x` (n,): solution in volts; `backward`: its componentwise backward
+    error.  The rounding errors of the residuals are relative to the currents at each row.
     """
-    from resgrid.circuit.resistance_kernels import without_nodes
-
-    count = len(nodes)
-    if count <= _LEAF:
-        _write_small(network, 0, nodes, out)
-        return
-    half, order = count // 2, np.arange(count)
-    _within(without_nodes(network, order, half), nodes[:half], out)
-    _within(without_nodes(network, np.roll(order, -half), count - half), nodes[half:], out)
-    _across(network, half, nodes, out)
-
-
-def _across(network: NDArray[np.float64], half: int, nodes: NDArray[np.int64], out: NDArray[np.float64]) -> None:
-    """Compute the effective resistances between the first `half` nodes of a network and its other nodes.
-
-    `network` (k, k): conductances; `nodes` (k,): index in `out` of every node; `out` (n, n): array to which the
-    resistances are written. The larger set of nodes is halved, and each half is eliminated in turn.
-    """
-    from resgrid.circuit.resistance_kernels import without_nodes
-
-    count = len(nodes)
-    if count <= _LEAF:
-        _write_small(network, half, nodes, out)
-        return
-    order, splits_first = np.arange(count), 2 * half > count
-    begin, end = (0, half) if splits_first else (half, count)
-    middle = (begin + end) // 2
-    for left_out in (slice(middle, end), slice(begin, middle)):
-        kept = np.delete(order, left_out)
-        reduced = without_nodes(network, np.concatenate([kept, order[left_out]]), len(kept))
-        _across(reduced, half - (left_out.stop - left_out.start) * splits_first, nodes[kept], out)
-
-
-def _write_small(network: NDArray[np.float64], half: int, nodes: NDArray[np.int64], out: NDArray[np.float64]) -> None:
-    """Compute the effective resistances in a network of at most `_LEAF` nodes, and write them to `out`.
-
-    `network` (k, k): conductances; `half`: number k1 for the resistances between the first k1 nodes and the others;
-    0 for all pairs; `nodes` (k,): index in `out` of every node; `out` (n, n): resistances.
-    """
-    from resgrid.circuit.resistance_kernels import small_network_resistances
-
-    found = np.zeros_like(network)
-    small_network_resistances(network, half, np.empty_like(network), found)
-    if not half:
-        out[np.ix_(nodes, nodes)] = found
-        return
-    out[np.ix_(nodes[:half], nodes[half:])] = found[:half, half:]
-    out[np.ix_(nodes[half:], nodes[:half])] = found[half:, :half]
-
-
-def elimination_error(count: int) -> float:
-    """Return the bound on the relative rounding error of resistances by elimination in a network of `count` nodes."""
-    return _ROUNDINGS * count
+    indptr, indices, conductance, leak = laplacian.graph
+    own, degree = np.repeat(x, np.diff(indptr)), np.diff(indptr).max(initial=0)
+    size = float(rhs.sum() + leak @ np.abs(x) + conductance @ (np.abs(own) + np.abs(x[indices])))
+    flow = float(rhs.sum() + leak @ np.abs(x) + conductance @ np.abs(own - x[indices]))
+    return float(2.0 * (backward * size + _EPS * (8.0 + degree) * flow))

@@ -45,7 +45,10 @@ An overloaded cut is a set of nonlinear resistors that cannot carry the current 
 
 _EPS = float(np.finfo(np.float64).eps)
 _FLOOR = 1e-15
-"""Smallest differential conductance, as a fraction of the conductance at 0 V; keeps the matrix regular."""
+"""Smallest slope in Newton's steps, as a fraction of the conductance at 0 V; keeps the matrix regular."""
+
+_LEAST = 5e-324
+"""Smallest positive double: smallest differential conductance, in siemens."""
 
 _NEGLIGIBLE = 1e-9
 """Largest violation of KCL at convergence, as a fraction of the largest resistor or injected current."""
@@ -138,7 +141,7 @@ def linearize(op: OperatingPoint) -> Netlist:
     -------
     Netlist
         Circuit with the same nodes, sources and capacitors.  Every nonlinear resistor becomes a resistor of its
-        differential conductance ``dI / dV``, in siemens; these resistors follow the linear ones.
+        differential conductance ``dI / dV``, in siemens, at least 5e-324 S; these resistors follow the linear ones.
 
     Examples
     --------
@@ -256,9 +259,20 @@ class _Law(NamedTuple):
         return np.asarray(self.siemens * np.where(small, 1 - x * x / 3, np.tanh(x) / np.where(small, 1.0, x)))
 
     def differential(self, drop: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the differential conductances ``dI / dV`` in siemens, (m,); `drop` (m,): voltages ``dV`` in volts."""
-        decay = np.exp(-2 * np.abs(drop / self.volts))
-        return np.asarray(self.siemens * np.maximum(4 * decay / (1 + decay) ** 2, _FLOOR))
+        """Return the differential conductances ``dI / dV`` in siemens, (m,); `drop` (m,): voltages ``dV`` in volts.
+
+        A conductance below the range of doubles is the smallest double.
+        """
+        decay = np.exp(-np.abs(drop / self.volts))
+        slope = self.siemens * decay * (4 * decay / (1 + decay * decay) ** 2)
+        return np.asarray(np.maximum(slope, _LEAST))
+
+    def newton_slope(self, drop: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return differential conductances in siemens, (m,), which are at least 1e-15 of the conductances at 0 V.
+
+        `drop` (m,): voltages ``dV`` in volts.
+        """
+        return np.maximum(self.differential(drop), _FLOOR * self.siemens)
 
 
 @dataclass(frozen=True, eq=False)
@@ -307,7 +321,7 @@ class _NonlinearCircuit:
         """
         amps, injected = np.abs(self.law.secant(drop) * drop), np.abs(self.system.injected)
         largest, touched = max(amps.max(initial=0.0), injected.max(initial=0.0)), abs(self.incidence)
-        error = self.law.differential(drop) * (touched @ np.abs(x) + np.abs(self.lift)) + amps
+        error = self.law.newton_slope(drop) * (touched @ np.abs(x) + np.abs(self.lift)) + amps
         rounding = 4 * _EPS * (touched.T @ error + injected)
         return bool(np.all(np.abs(excess) <= np.minimum(rounding, _NEGLIGIBLE * largest)))
 
@@ -321,7 +335,7 @@ class _NonlinearCircuit:
         0, replaces shorter steps.
         """
         with suppress(AccuracyError):  # the matrix can be singular if differential conductances vanish
-            direction, length = self.move(excess, self.law.differential(drop)), 1.0
+            direction, length = self.move(excess, self.law.newton_slope(drop)), 1.0
             # The co-content is convex along the step: shorten it if the slope is positive at its end.
             rise = 0.1 * abs(float(excess @ direction))
             while self.excess(self.drops(x + length * direction)) @ direction > rise and length >= least:

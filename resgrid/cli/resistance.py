@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import shlex
 from collections.abc import Iterable, Sequence
 from functools import partial
@@ -165,7 +164,7 @@ def _lines(data: dict[str, Any]) -> Iterable[str]:
     """Yield the lines of text about resistances: one line per pair, at most `_MOST_LINES`, then the error bound.
 
     `data`: dictionary for JSON with ``pairs`` (dictionaries of ``first``, ``second``, ``resistance`` and
-    ``connected``), ``relative_error`` (bound, infinite if unknown) and ``solver``.
+    ``connected``), ``relative_error`` (bound) and ``solver``.
     """
     pairs: Sequence[dict[str, Any]] = data["pairs"]
     width = max(len(f"{pair['first']} - {pair['second']}") for pair in pairs[:_MOST_LINES])
@@ -174,9 +173,7 @@ def _lines(data: dict[str, Any]) -> Iterable[str]:
         yield f"{ends:{width}}  " + (f"{pair['resistance']:.10g} ohm" if pair["connected"] else "not connected")
     if len(pairs) > _MOST_LINES:
         yield f"and {len(pairs) - _MOST_LINES:,} more pairs; -o FILE.csv writes all"
-    error = data["relative_error"]
-    bound = f"relative error at most {error:.1e}" if math.isfinite(error) else "no proved bound on the relative error"
-    yield f"{bound}; method: {data['solver']}"
+    yield f"relative error at most {data['relative_error']:.1e}; method: {data['solver']}"
 
 
 def is_circuitscape_job(file: str) -> bool:

@@ -68,8 +68,8 @@ def resistance_record(value: EffectiveResistance, names: list[str]) -> dict[str,
     """Return effective resistances as a dictionary for JSON.
 
     Keys: ``pairs`` (a list of dictionaries with the terminals' names ``first`` and ``second``, ``resistance`` in ohms,
-    and ``connected``, whether it is finite), ``relative_error`` (bound; infinite if the solver gives none) and
-    ``solver`` (method).  `names`: names of the terminals.
+    and ``connected``, whether it is finite), ``relative_error`` (bound) and ``solver`` (method).  `names`: names of the
+    terminals.
     """
     pairs = [
         {"first": names[first], "second": names[second], "resistance": ohms, "connected": bool(np.isfinite(ohms))}

@@ -272,7 +272,12 @@ class DirectFactor(Factor):
         """
         values = self.factors.values
         least = values.min(initial=1.0, where=values > 0.0)
-        return _ROUNDINGS * self.laplacian.size if least > _LEAST_ENTRY else np.inf
+        return self.rounding_bound if least > _LEAST_ENTRY else np.inf
+
+    @property
+    def rounding_bound(self) -> float:
+        """Bound on the relative rounding error of entries after a substitution, if no product underflows."""
+        return _ROUNDINGS * self.laplacian.size
 
 
 def factor_direct(laplacian: Laplacian, order: Symbolic | None = None) -> DirectFactor:

@@ -99,3 +99,17 @@ def test_a_current_source_between_strongly_coupled_nodes_has_its_small_derivativ
     volts, _ = _exact_adjoint(netlist, np.array([0.0, 1.0, 0.0]))
     assert volts[1] is not None and volts[2] is not None and volts[1] != volts[2]
     assert found.current[0] == pytest.approx(float(volts[2] - volts[1]), rel=1e-15)
+
+
+def test_the_value_of_a_weighted_sum_keeps_its_digits_where_voltages_nearly_cancel() -> None:
+    op = rg.solve(rg.Netlist(4, [[0, 1], [1, 2], [2, 3]], [1.0, 1.0, 1e12], source_nodes=[[3, 1]], source_volts=[1.0]))
+    expected = float(1 / (1 + Fraction(10) ** 12))
+    for found in (rg.gradient(op, [0.0, 0.0, -1.0, 1.0]), rg.circuit.pullback(op, voltage=[0.0, 0.0, -1.0, 1.0])):
+        assert found.value == pytest.approx(expected, rel=1e-15, abs=0.0)
+
+
+def test_the_value_of_a_weighted_sum_of_huge_terms_has_the_right_sign() -> None:
+    ends = [[1, 2], [1, 5], [5, 6]]
+    op = rg.solve(rg.Netlist(7, ends, [1.0, 1.0, 1.0], source_nodes=[[0, 5]], source_volts=[7e168]))
+    assert rg.gradient(op, [0.0, 0.0, 5e236, 0.0, 0.0, 0.0, -5e281]).value == np.inf
+    assert rg.gradient(op, [0.0, 0.0, -5e236, 0.0, 0.0, 0.0, 5e236]).value == 0.0

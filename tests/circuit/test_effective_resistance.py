@@ -103,6 +103,104 @@ def test_tiny_and_huge_conductances_are_scaled() -> None:
         assert all_pairs(network([[0, 1], [1, 2], [2, 0]], size))[0, 1] * size == pytest.approx(2 / 3, rel=1e-14)
 
 
+def mesh(side: int, values: list[float], seed: int) -> rg.Netlist:
+    """Square mesh with conductances drawn from a list."""
+    netlist = grid(side, side)
+    return netlist.replace(conductance=np.random.default_rng(seed).choice(values, len(netlist.conductance)))
+
+
+@pytest.mark.parametrize(
+    ("values", "side"), [([1e12, 1e-12], 8), ([1e15, 1e-15], 8), ([1.0, 1e-30, 1e30], 7), ([1e200, 1.0, 1e-200], 4)]
+)
+def test_resistances_and_reduced_networks_are_accurate_whatever_the_ratio_of_conductances(
+    values: list[float], side: int
+) -> None:
+    for seed in range(3):
+        netlist = mesh(side, values, seed)
+        pair = [seed, side * side - 2 - seed]
+        exact = exactly(netlist, *pair)
+        found, reduced = rg.effective_resistance(netlist, [pair]), rg.circuit.reduce_network(netlist, pair)
+        assert found.error < 1e-11 and reduced.error < 1e-11
+        assert abs(Fraction(float(found.resistance[0])) - exact) <= Fraction(found.error) * exact
+        assert abs(Fraction(float(reduced.conductance[0, 1])) * exact - 1) <= Fraction(reduced.error)
+
+
+@pytest.mark.parametrize(
+    ("edges", "siemens", "pair"),
+    [
+        ([[1, 0], [2, 1]], [9e-276, 5e-297], (0, 2)),
+        ([[0, 1], [2, 1]], [5e271, 7e292], (2, 0)),
+        ([[0, 1], [0, 2]], [2e275, 1e281], (2, 1)),
+        ([[1, 0], [1, 0]], [1.7e308, 1.7e308], (0, 1)),
+        ([[0, 1], [1, 2], [2, 3], [3, 4]], [1.0, 1.0, 1e300, 1.0], (0, 4)),
+        ([[0, 1], [1, 2], [2, 3]], [1.0, 1e-150, 1e300], (3, 0)),
+        ([[0, 1], [1, 2], [2, 3], [3, 0], [3, 4]], [1e-300, 1e300, 1e-300, 2e-300, 1e300], (1, 4)),
+    ],
+)
+def test_resistances_of_extreme_conductances_are_rounded_once_or_bounded(
+    edges: list[list[int]], siemens: list[float], pair: tuple[int, int]
+) -> None:
+    netlist = network(edges, siemens)
+    found, exact = rg.effective_resistance(netlist, [pair]), exactly(netlist, *pair)
+    assert found.error < 1e-13
+    assert abs(Fraction(float(found.resistance[0])) - exact) <= Fraction(found.error) * exact
+
+
+def test_all_pairs_of_an_extreme_circuit_agree_with_fractions() -> None:
+    netlist = mesh(3, [1e-160, 1e160, 1.0, 1e-20], 2)
+    found = rg.effective_resistance(netlist.replace(node_count=10), terminals=[0, 4, [5, 7], 8, 9], joined="all")
+    assert np.isinf(found.matrix[4, :4]).all() and found.error < 1e-13
+    for first, second in ((0, 1), (0, 3), (1, 3)):
+        joined = rg.Netlist(9, np.append(netlist.resistor_nodes, [[5, 7]], 0), np.append(netlist.conductance, 1e308))
+        exact = exactly(joined, *(int(found.terminals[end][0]) for end in (first, second)))
+        assert found.matrix[first, second] == pytest.approx(float(exact), rel=1e-14)
+
+
+def test_a_reduced_network_keeps_tiny_conductances() -> None:
+    ends = [[2, 0], [6, 5], [5, 4], [2, 3], [7, 6], [0, 4], [3, 1], [3, 2]]
+    siemens = [1.1441778670468376e-246, 2.3e-218, 8.4e-53, 6.1e-5, 2.4e-209, 1.1e217, 1.2e-240, 3.6e103]
+    reduced = rg.circuit.reduce_network(network(ends, siemens), [1, 4, 3])
+    assert reduced.conductance[1, 2] == pytest.approx(siemens[0], rel=1e-13) and reduced.error < 1e-13
+
+
+def test_resistances_beyond_doubles_and_ranges_of_large_circuits_are_rejected() -> None:
+    with pytest.raises(rg.CircuitError, match=r"between the nodes node_2 and 0 exceeds 1\.8e308 ohm"):
+        rg.effective_resistance(network([[0, 1], [1, 2]], [1e-308, 1e-308]), [(2, 0)])
+    with pytest.raises(rg.CircuitError, match=r"exceeds 1\.8e308 S"):
+        rg.circuit.reduce_network(network([[0, 1], [0, 1]], [1.7e308, 1.7e308]), [0, 1])
+    chain = network(np.stack([np.arange(2500), np.arange(1, 2501)], 1), 1.0)
+    siemens = np.where(np.arange(2500) == 7, 1e300, 1.0)
+    with pytest.raises(rg.AccuracyError, match=r"span 300 orders of magnitude.* voltage sources of 0 V"):
+        rg.effective_resistance(chain.replace(conductance=siemens), [(0, 2500)])
+    wire = {"source_nodes": [[7, 8]], "source_volts": [0.0]}
+    found = rg.effective_resistance(
+        chain.replace(conductance=np.delete(siemens, 7), resistor_nodes=np.delete(chain.resistor_nodes, 7, 0), **wire),
+        [(0, 2500)],
+    )
+    assert found.resistance[0] == pytest.approx(2499, rel=1e-12)
+
+
+def test_currents_of_pairs_with_extreme_conductances_are_finite_or_rejected() -> None:
+    flow = rg.circuit.pair_currents(network([[0, 1], [0, 1]], [1.7e308, 1.7e308]), 1, 0)
+    assert flow.resistance == pytest.approx(0.5 / 1.7e308, rel=1e-15) and flow.voltage[1] == flow.resistance
+    np.testing.assert_array_equal(flow.resistor_current, [-0.5, -0.5])
+    flow = rg.circuit.pair_currents(network([[0, 1], [1, 2], [2, 3]], [1.0, 1e-150, 1e300]), 3, 0)
+    assert flow.resistance == pytest.approx(1e150, rel=1e-15)
+    weak = network([[0, 1], [1, 2]], [1e-308, 1e-308])
+    with pytest.raises(rg.CircuitError, match=r"exceeds 1\.8e308.* check the unit of the smallest"):
+        rg.circuit.pair_currents(weak, 2, 0)
+    with pytest.raises(rg.CircuitError, match=r"exceeds 1\.8e308.* choose a smaller current"):
+        rg.circuit.pair_currents(network([[0, 1]], [1e-200]), 1, 0, amps=1e150)
+
+
+def test_multigrid_has_a_bound_where_no_current_flows() -> None:
+    side = 60
+    found = rg.effective_resistance(grid(side, side), [(0, side * side - 1)], method="multigrid")
+    direct = rg.effective_resistance(grid(side, side), [(0, side * side - 1)])
+    assert found.error < 1e-6 and direct.error < 1e-8
+    assert found.resistance[0] == pytest.approx(direct.resistance[0], rel=found.error + direct.error)
+
+
 def test_closed_forms() -> None:
     count = 7
     nodes = np.arange(count)

@@ -146,3 +146,30 @@ def test_a_current_between_voltages_that_differ_only_in_their_third_double_is_ex
         5, [[2, 4], [4, 3]], [2.0, 2.0], source_nodes=[[1, 0], [2, 1], [3, 2]], source_volts=[6e-32, 6e103, 2e-128]
     )
     np.testing.assert_allclose(rg.solve(netlist).resistor_current, [-2e-128, -2e-128], rtol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("ends", "siemens", "sources", "volts", "dead"),
+    [
+        ([[2, 1], [3, 2], [4, 3]], [1.0, 8e298, 2e286], [[2, 3], [0, 1]], [1e300, 0.0], (2, 1)),
+        ([[1, 3], [2, 1], [5, 0]], [7e255, 1.0, 4e277], [[3, 1], [5, 2]], [1e300, 1.0], (2, 1)),
+    ],
+)
+def test_currents_of_dead_ends_are_zero_where_another_current_overflows(
+    ends: list[list[int]], siemens: list[float], sources: list[list[int]], volts: list[float], dead: tuple[int, int]
+) -> None:
+    count = 1 + max(max(pair) for pair in ends)
+    op = rg.solve(rg.Netlist(count, ends, siemens, source_nodes=sources, source_volts=volts))
+    resistor, source = dead
+    assert np.isinf(op.resistor_current).any()
+    assert op.resistor_current[resistor] == 0.0 == op.source_current[source]
+    np.testing.assert_array_equal(np.sign(op.resistor_current), op.resistor_direction)
+
+
+def test_inner_voltages_of_floating_parts_may_exceed_the_range_of_doubles() -> None:
+    ends, current = [[1, 0], [2, 3]], {"current_nodes": [[2, 3]], "current_amps": [1e200]}
+    op = rg.solve(rg.Netlist(4, ends, [1.0, 1e-150], **current))
+    np.testing.assert_array_equal(op.voltage, [0.0, 0.0, np.nan, np.nan])
+    np.testing.assert_array_equal(op.resistor_current, [0.0, -1e200])
+    with pytest.raises(rg.CircuitError, match=r"a voltage exceeds 1\.8e308 V"):
+        rg.solve(rg.Netlist(4, [[3, 0], [2, 3]], [1.0, 1e-150], **current))

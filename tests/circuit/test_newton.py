@@ -9,6 +9,7 @@ import dataclasses
 import subprocess
 from pathlib import Path
 
+import mpmath as mp
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
@@ -271,6 +272,35 @@ def test_slope_and_power_are_exact_for_small_drops_at_a_high_potential(scale: fl
     drop = scale * np.arctanh(share)
     np.testing.assert_allclose(rg.study(point).power().nonlinear, [share * scale * drop], rtol=1e-9)
     np.testing.assert_allclose(rg.circuit.linearize(point).conductance[-1], (1 - share) * (1 + share), rtol=1e-9)
+
+
+@pytest.mark.parametrize("volts", [0.1, 0.2, 0.5, 2.0, 3.0])
+def test_slopes_and_gradients_of_saturated_resistors_are_exact(volts: float) -> None:
+    """A saturated resistor of ``I0`` = 1 mA and ``V0`` = 10 mV in series with 1 ohm, and its slope by sech^2."""
+    netlist = rg.Netlist(
+        3,
+        [[2, 0]],
+        [1.0],
+        source_nodes=[[1, 0]],
+        source_volts=[volts],
+        nonlinear_nodes=[[1, 2]],
+        nonlinear_current=[1e-3],
+        nonlinear_voltage=[0.01],
+    )
+    point = rg.solve(netlist)
+    with mp.workdps(60):
+        height = mp.findroot(lambda v: v - mp.tanh((volts - v) / mp.mpf(0.01)) * mp.mpf(1e-3), 1e-3)
+        drop = (volts - height) / mp.mpf(0.01)
+        slope = mp.sech(drop) ** 2 * mp.mpf(1e-3) / mp.mpf(0.01)
+        slopes = [slope, slope / (1 + slope), -drop * slope / (1 + slope), mp.tanh(drop) / (1 + slope)]
+    found = rg.gradient(point, of="voltage", at=2)
+    values = [rg.circuit.linearize(point).conductance[-1], found.voltage[0], found.nonlinear_voltage[0]]
+    np.testing.assert_allclose([*values, found.nonlinear_current[0]], [float(each) for each in slopes], rtol=1e-11)
+
+
+def test_slopes_below_the_range_of_doubles_are_the_smallest_double() -> None:
+    netlist = one_resistor(0.5).replace(source_nodes=[[1, 0]], source_volts=[100.0])
+    assert rg.circuit.linearize(rg.solve(netlist)).conductance == [5e-324]
 
 
 def test_currents_too_close_to_saturation_raise_circuit_error() -> None:
