@@ -316,7 +316,11 @@ def loss_sentences(result: YieldLoss) -> tuple[str, ...]:
 
 
 def loss_table(result: YieldLoss) -> tuple[str, ...]:
-    """Return the lines of a Markdown table of the causes of yield loss: effect, yield, change, changed chips."""
+    """Return the lines of a Markdown table of the causes of yield loss, one row for every effect of the chip.
+
+    The columns are the effect that is switched off, the yield without this effect but with all others, its difference
+    from the yield with all effects, and the number of chips on which the number of starts that reach a goal changes.
+    """
     rows = (
         (
             f"{cause.name} ({', '.join(f'`{key}`' for key in cause.keys)})",

@@ -113,6 +113,8 @@ def _costs_of(op: OperatingPoint, cost: ArrayLike | None) -> _Costs:
 def _of_walks(found: Gradient, costs: _Costs, times: NDArray[np.float64]) -> Gradient:
     """Return a gradient with derivatives with respect to costs, and zeros for those with respect to sources.
 
+    Costs of walks do not depend on sources.  In the circuit, the cost of a node is a current into it, and the expected
+    cost of a walk is the voltage of its start.
     `found`: gradient without derivatives with respect to costs; `costs`: costs of the free nodes; `times` (nodes,):
     derivative of the expected cost with respect to `costs.amps`, in ohms: ``R`` times the expected time of the walk at
     the node, in units of ``R C``.

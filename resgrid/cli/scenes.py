@@ -353,10 +353,10 @@ def report_ignored(
 ) -> dict[str, list[str]]:
     """Print the keys of a scene that a subcommand ignores, with reasons; return ``{"ignored": keys}`` for JSON.
 
-    `form`: form of the circuit that the subcommand uses: "circuit" (all elements of the chip), "tiles" (array of
-    subcircuits), "grid" (ideal grid), or "chip" if no key of the chip is ignored; `k`: weights k that the subcommand
-    ignores, for "grid".  Other forms are one circuit, which ignores all weights k of a scene with several; `wiring`:
-    wiring of this circuit, None for that of the problem's only circuit.
+    `form`: form of the circuit that the subcommand uses: "circuit" (all elements of the chip, without its read-out),
+    "tiles" (array of subcircuits), "grid" (ideal grid), or "chip" if no key of the chip is ignored; `k`: weights k that
+    the subcommand ignores, for "grid".  In the other forms, a scene with several circuits (a blend) has all its weights
+    ignored; `wiring`: wiring of the circuit, None for that of a scene with one circuit.
     """
     from resgrid.chip.build import keys_not_held
 

@@ -167,9 +167,9 @@ class LatticeField:
 
     @cached_property
     def largest_rating(self) -> NDArray[np.float64]:
-        """Natural logarithm of the largest outward current, or density, as `read_out` states, of every site, (sites,).
+        """Natural logarithm of the largest outward rating of every site, (sites,); -inf without outward current.
 
-        -inf at sites without outward current.
+        The rating of a step is its current, or its current density if the attribute `read_out` is ``"density"``.
         """
         largest = np.full(self.lattice.size, -np.inf)
         for step, sense in self.lattice.directions:

@@ -116,10 +116,10 @@ def draw_circuit(netlist: Netlist, ax: Axes | None = None, *, op: OperatingPoint
     """Draw the circuit diagram of a small netlist: nodes with names and voltages, elements with values.
 
     Nodes of a netlist compiled from one or two axes lie at the cell centres; other netlists are laid out as graphs.
-    Of a lattice, only the resistors are drawn.  `ax`: axes to draw on, by default those of a new figure; `op`:
-    operating point of the netlist, whose node voltages are written into the diagram, None for no voltages.  Returns the
-    axes.  Raises InputError for a nonlinear netlist, for the operating point of another netlist, for more than two axes
-    or 10 cells along an axis, and without cells for more than 40 nodes.
+    With another lattice than "square", only resistors are drawn.  `ax`: axes to draw on, by default those of a new
+    figure; `op`: operating point of the netlist, whose node voltages are written into the diagram, None for none.
+    Returns the axes.  Raises InputError for a nonlinear netlist, for the operating point of another netlist, for more
+    than two axes or 10 cells along an axis, and without cells for more than 40 nodes.
     """
     if netlist.nonlinear_nodes.size:
         raise InputError("circuit diagrams have no symbol for nonlinear resistors; draw the field of this circuit")

@@ -79,10 +79,10 @@ def solid_of(shape: Shape, name: str) -> Solid:
 
 
 def _box(lower: NDArray[np.float64], upper: NDArray[np.float64], name: str, padding: float) -> Body:
-    """Return the body of an axis-aligned box that does not move, whose hull has exactly the given corners.
+    """Return the body of an axis-aligned box that does not move, whose solid and hull are this box.
 
-    `lower, upper` (3,): corners in metres; `name`: name of the body; `padding`: distance in metres by which the hull is
-    enlarged.
+    `lower, upper` (3,): corners in metres; `name`: name of the body; `padding`: distance in metres by which proofs
+    enlarge the hull.
     """
     ends = np.stack([lower, upper])
     corners = ends[[[0, 0, 0], [0, 0, 1], [0, 1, 0], [0, 1, 1], [1, 0, 0], [1, 0, 1], [1, 1, 0], [1, 1, 1]], range(3)]

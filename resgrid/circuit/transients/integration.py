@@ -173,10 +173,10 @@ class Integration:
         self.span = max(self.span, float(np.nanmax(volts) - np.nanmin(volts)))
 
     def _note_switches(self, now: float, h: float, ends: tuple[Vector, Vector], drifts: tuple[Vector, Vector]) -> None:
-        """Record the first times of the state 0.5 within a step, by cubic Hermite interpolation.
+        """Record the first time at which the state of every memristor is 0.5, by cubic Hermite interpolation in a step.
 
-        `now`, `h`: beginning and length of the step, in seconds; `ends`, `drifts`: coordinates of the states and their
-        time derivatives in 1/s, before and after the step.
+        `now`, `h`: beginning and length of the step, in seconds; `ends`, `drifts`: transformed states of the memristors
+        (``coordinates.half`` stands for the state 0.5) and their time derivatives in 1/s, before and after the step.
         """
         x0, x1 = (end - self.equations.coordinates.half for end in ends)
         crossing = np.flatnonzero(np.isnan(self.switched) & (np.sign(x0) * np.sign(x1) <= 0) & (x0 != x1))

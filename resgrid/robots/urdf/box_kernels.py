@@ -190,8 +190,9 @@ def _weigh(item: Integers, best: Floats, weight: Floats, tree: TreeArrays, work:
 def _slopes(item: Integers, tree: TreeArrays, work: Work) -> None:
     """Write the derivative of an item's gap by every moving joint to ``work.slope`` (m,), in metres per joint unit.
 
-    The gap is that between the lowest points of both pieces, ``work.sweep.point``, at the centre of the box, along the
-    direction ``work.search.best``. `item` (3,): index of the pair of bodies, and indices of a piece of both.
+    The gap is the distance along the direction ``work.search.best`` between the points ``work.sweep.point`` of both
+    pieces that are nearest to each other in this direction, at the centre of the box of joint values. `item` (3,):
+    index of the pair of bodies, and indices of a piece of both; `tree`: joints and pieces of the robot.
     """
     for d in range(len(work.slope)):
         work.slope[d] = 0.0

@@ -216,7 +216,8 @@ def _memristor_lines(
     """Return the lines of all memristors, three each: current, drift of the state, and capacitor of the state.
 
     `rules`: dialect; `memristors`: names in the deck; `labels`: for every memristor the text after the first letters in
-    the names of its three elements; `gain`: gain ``K`` of the drift at the limits 0 and 1 of the state, in 1/s.
+    the names of its three elements; `gain`: gain ``K`` in 1/s of the terms that stop the drift at the limits 0 and 1 of
+    the state ``x``: ``dx/dt = max(min(k i, K (1 - x)), -K x)``.
     """
     law, lines = circuit.law, []
     for number, state, (a, b), label in zip(*memristors, labels, strict=True):
