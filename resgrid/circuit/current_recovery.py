@@ -48,6 +48,9 @@ zero if cancellation has removed all their digits.  KCL is not checked at nodes 
 a sum of currents below `_UNCHECKED_KCL`.
 """
 
+_MOST_NET = 1e-6
+"""Largest net current into a row, as a fraction of the current through the row, of a direction-safe solution."""
+
 _UNBOUNDED = 1e-20
 """Smallest divisor of a relative error, as a fraction of the largest current in the circuit.
 
@@ -85,8 +88,8 @@ def recover_currents(system: Equations, pairs: Pairs = ()) -> tuple[RecoveredCur
     Circuits whose factors have at most 10,000 entries are solved in integer arithmetic: each value is computed to 60
     binary digits and rounded once to a double, and values below 2**-200 of the largest may be set to zero.  Larger
     circuits, and all grids of cells with two rails, or with one rail and source currents of one sign, are corrected in
-    double-double.  They are solved in integers if these corrections do not converge and the factors have at most
-    2,000,000 entries.
+    double-double.  They are solved in integers if these corrections do not converge or violate KCL, and the factors
+    have at most 2,000,000 entries.
 
     `system`: equations; `pairs`: pairs of nodes; a solution in integers contains the voltages between both nodes as
     `falls`, which is None after corrections in double-double.
@@ -101,11 +104,19 @@ def recover_currents(system: Equations, pairs: Pairs = ()) -> tuple[RecoveredCur
     entries = direct.factors.symbolic.entries
     is_small = entries <= _FEW_ENTRIES and not _is_field(system)
     found = None if is_small else _correct(system, direct.factors)
-    if found is None or (found.error_bound > _CERTAIN and entries <= _MOST_ENTRIES):
+    if found is None or (entries <= _MOST_ENTRIES and (found.error_bound > _CERTAIN or _violates_kcl(system, found))):
         found = (
             solve_in_integers(system, columns_of(direct.factors), pairs) or found or _correct(system, direct.factors)
         )
     return found, direct
+
+
+def _violates_kcl(system: Equations, found: RecoveredCurrents) -> bool:
+    """Return whether the net current into a checked row exceeds 1e-6 of the current through the row."""
+    rows, checked = system.unknown[system.netlist.resistor_nodes], np.ones(system.size + 1, dtype=np.bool_)
+    checked[system.unknown[found.unchecked]] = False
+    net, through = _residual(system, rows, (found.amps / system.netlist.conductance, np.zeros(len(rows))))
+    return bool(np.any(checked[:-1] & (np.abs(net) > _MOST_NET * through)))
 
 
 def _is_field(system: Equations) -> bool:

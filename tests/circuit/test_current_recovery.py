@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import warnings
 from fractions import Fraction
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -324,3 +325,18 @@ def test_corrections_of_circuits_with_cancelling_currents_equal_exact_fractions(
             ]
             values, expected = np.array(known).reshape(-1, 2).T
             np.testing.assert_allclose(values, expected, rtol=0.0, atol=1e-9 * np.abs(expected).max(initial=0.0))
+
+
+@pytest.mark.parametrize(("rungs", "at"), [(600, 150), (700, 350)])
+def test_currents_of_a_long_ladder_decay_at_the_exact_rate(rungs: int, at: int) -> None:
+    """The difference of both rails obeys ``d(i + 1) - 4 d(i) + d(i - 1) = 0``: it decays by 2 - sqrt(3) a rung."""
+    first = np.arange(1, 2 * rungs, 2)
+    pairs = [*zip(first, first + 1, strict=True), *pairwise(first), *pairwise(first + 1), (0, 1)]
+    netlist = rg.Netlist(
+        2 * rungs + 1, pairs, np.ones(len(pairs)), source_nodes=[(1 + 2 * at, 2 + 2 * at)], source_volts=[3.3]
+    )
+    point = rg.solve(netlist)
+    assert point.kcl_residual < 1e-9
+    current = point.resistor_current[at : at + 100]
+    np.testing.assert_allclose(current, 3.3 * (2.0 - np.sqrt(3.0)) ** np.arange(100), rtol=1e-12)
+    assert point.resistor_current[-1] == 0.0
