@@ -178,10 +178,9 @@ def _refined(system: Equations, factors: SupernodalFactors) -> _Differences:
     they diverge (`_Differences.change` is then infinite).  `system`: equations of the circuit; `factors`: factors of
     their matrix.
     """
-    netlist, zeros, forest = system.netlist, np.zeros(system.size), system.forest
+    netlist, zeros = system.netlist, np.zeros(system.size)
     ends, rows = netlist.resistor_nodes, system.unknown[netlist.resistor_nodes]
-    offset, rest = forest.offsets
-    held = np.where(system.unknown >= 0, offset, np.nan_to_num(system.known_voltages()))
+    held, rest = _held_voltages(system)
     still = np.zeros(netlist.node_count, dtype=np.bool_)
     still[system.floating] = still[system.undriven] = True
     parts = _parts_of(system)
@@ -196,7 +195,7 @@ def _refined(system: Equations, factors: SupernodalFactors) -> _Differences:
     net, through = _residual(system, rows, falls)
     for _ in range(_MOST_STEPS):
         x = factors.solve(net)
-        x += parts.shifts(x, (0.0 * parts.lift[0], 0.0 * parts.lift[1]))[0]
+        x += parts.shifts(x)[0]
         size = float(np.abs(x).max())
         if not size < _MOST_VOLTS:
             worst = np.inf
@@ -220,6 +219,12 @@ def _refined(system: Equations, factors: SupernodalFactors) -> _Differences:
     return _Differences(falls, heights, net, through, worst, unresolved, currentless)
 
 
+def _held_voltages(system: Equations) -> Doubled:
+    """Return the voltages of all nodes above their rows, (nodes,), in volts; of nodes without a row above ground."""
+    offset, rest = system.forest.offsets
+    return np.where(system.unknown >= 0, offset, np.nan_to_num(system.known_voltages())), rest
+
+
 class _Parts(NamedTuple):
     """Parts of a circuit that only resistors without current join, such as a circuit and its dead ends.
 
@@ -234,14 +239,16 @@ class _Parts(NamedTuple):
     joints: NDArray[np.int64]
     lift: Doubled
 
-    def shifts(self, x: NDArray[np.float64], lift: Doubled) -> Doubled:
+    def shifts(self, x: NDArray[np.float64], lift: Doubled | None = None) -> Doubled:
         """Return the shifts of all rows, (n,), in volts, for which no voltage lies across the joints of the parts.
 
-        `x` (n,): voltages of the rows before the shift; `lift` (k,): as the field of this name, or 0 for corrections.
+        `x` (n,): voltages of the rows before the shift; `lift` (k,): the field of this name for voltages, None for
+        corrections of voltages.
         """
         from resgrid.circuit.kernels import align_parts
 
         shift, shift_low = np.zeros((2, int(self.of_row.max()) + 1))
+        lift = lift or (np.zeros(len(self.joints)), np.zeros(len(self.joints)))
         align_parts(self.joints, self.of_row, *lift, np.append(x, 0.0), shift, shift_low)
         return shift[self.of_row[:-1]], shift_low[self.of_row[:-1]]
 
@@ -269,8 +276,7 @@ def _parts_of(system: Equations) -> _Parts:
     found = np.argsort(order)[np.count_nonzero(order < 0) + 1 :]
     ends = found[(entry[found] < count) & marks[entry[found]]]
     ends = np.stack([pairs[entry[ends]].sum(axis=1) - ends, ends])
-    offset, rest = forest.offsets
-    held = np.where(system.unknown >= 0, offset, np.nan_to_num(system.known_voltages()))
+    held, rest = _held_voltages(system)
     lift = _plus((held[ends[0]], rest[ends[0]]), -held[ends[1]], -rest[ends[1]])
     parts, joins = np.unique(of_row[row[ends[1]]], return_index=True)
     joins = np.sort(joins[parts != of_row[-1]])

@@ -10,21 +10,22 @@ from __future__ import annotations
 
 import decimal
 import heapq
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from decimal import Decimal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.core.netlist import Netlist
 
-_MOST_NODES, _MOST_TERMINALS = 2000, 200
-"""Largest numbers of nodes and of terminals for this arithmetic; a mesh of 2,000 nodes takes seconds."""
+MOST_NODES, _MOST_TERMINALS = 2000, 200
+"""Largest numbers of nodes and of terminals for this arithmetic; a mesh of 2,000 nodes takes up to ten seconds."""
 
 ROUNDING = 2.0**-52
 """Bound on the relative error of a result in the normal range of doubles: one rounding, and 40-digit decimals."""
 
-_ARITHMETIC = decimal.Context(prec=40, Emin=decimal.MIN_EMIN, Emax=decimal.MAX_EMAX)
+ARITHMETIC = decimal.Context(prec=40, Emin=decimal.MIN_EMIN, Emax=decimal.MAX_EMAX)
 """Decimal arithmetic with 40 digits, in which no product and no quotient of doubles overflows or underflows."""
 
 Network = dict[int, dict[int, Decimal]]
@@ -35,7 +36,7 @@ Pair = tuple[int, int]
 
 def fits_decimals(netlist: Netlist, terminals: int) -> bool:
     """Return whether a circuit with this number of terminals is small enough for decimal arithmetic."""
-    return netlist.node_count <= _MOST_NODES and terminals <= _MOST_TERMINALS
+    return netlist.node_count <= MOST_NODES and terminals <= _MOST_TERMINALS
 
 
 def reduce_in_decimals(netlist: Netlist, group: NDArray[np.int64], terminals: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -45,8 +46,8 @@ def reduce_in_decimals(netlist: Netlist, group: NDArray[np.int64], terminals: ND
     """
     found = np.zeros((len(terminals), len(terminals)))
     number_of = {node: number for number, node in enumerate(terminals.tolist())}
-    with decimal.localcontext(_ARITHMETIC):
-        network = _without(_network(netlist, group), number_of)
+    with decimal.localcontext(ARITHMETIC):
+        network = _without(network_of(netlist, group), number_of)
         for node, number in number_of.items():
             for other, siemens in network.get(node, {}).items():
                 found[number, number_of[other]] = float(siemens)
@@ -62,8 +63,8 @@ def resistances_in_decimals(
     """
     wanted: list[Pair] = [(min(pair), max(pair)) for pair in pairs.tolist()]
     found: dict[Pair, Decimal] = {}
-    with decimal.localcontext(_ARITHMETIC):
-        _write_resistances(_network(netlist, group), sorted({pair for pair in wanted if pair[0] != pair[1]}), found)
+    with decimal.localcontext(ARITHMETIC):
+        _write_resistances(network_of(netlist, group), sorted({pair for pair in wanted if pair[0] != pair[1]}), found)
     return np.array([float(found[pair]) if pair[0] != pair[1] else 0.0 for pair in wanted])
 
 
@@ -88,7 +89,7 @@ def _write_resistances(network: Network, pairs: Sequence[Pair], found: dict[Pair
     _write_resistances(reduced, [pair for pair in pairs if pair[end] >= middle], found)
 
 
-def _network(netlist: Netlist, group: NDArray[np.int64]) -> Network:
+def network_of(netlist: Netlist, group: NDArray[np.integer[Any]]) -> Network:
     """Return the conductances between groups of joined nodes; `group` (nodes,): group of every node."""
     network: Network = {}
     ends = group[netlist.resistor_nodes].tolist()
@@ -106,29 +107,38 @@ def _add(network: Network, a: int, b: int, siemens: Decimal) -> None:
 
 
 def _without(network: Network, kept: Iterable[int]) -> Network:
-    """Return a network after the elimination of all nodes but `kept`, always of a node with fewest neighbours."""
-    stays = set(kept)
+    """Return a network after the elimination of all nodes but `kept`; the given network is not changed."""
     reduced = {node: star.copy() for node, star in network.items()}
-    queue = [(len(star), node) for node, star in reduced.items() if node not in stays]
-    heapq.heapify(queue)
-    while queue:
-        degree, node = heapq.heappop(queue)
-        if node not in reduced or len(reduced[node]) != degree:
-            continue
-        neighbours = list(reduced[node])
-        _eliminate(reduced, node)
-        for other in neighbours:
-            if other not in stays:
-                heapq.heappush(queue, (len(reduced[other]), other))
+    for _ in eliminations(reduced, kept):
+        pass
     return reduced
 
 
-def _eliminate(network: Network, node: int) -> None:
-    """Eliminate a node from a network by a star-mesh transform, in place."""
-    star = list(network.pop(node).items())
-    total = sum(siemens for _, siemens in star)
-    for place, (a, siemens) in enumerate(star):
+def eliminations(network: Network, kept: Iterable[int]) -> Iterator[tuple[int, dict[int, Decimal]]]:
+    """Eliminate all nodes of a network but `kept` by star-mesh transforms, in place, always one with fewest neighbours.
+
+    Yield every eliminated node, with the conductances that joined the node to its neighbours, in siemens.
+    """
+    stays = set(kept)
+    queue = [(len(star), node) for node, star in network.items() if node not in stays]
+    heapq.heapify(queue)
+    while queue:
+        degree, node = heapq.heappop(queue)
+        if node not in network or len(network[node]) != degree:
+            continue
+        star = network.pop(node)
+        _join_neighbours(network, node, star)
+        for other in star:
+            if other not in stays:
+                heapq.heappush(queue, (len(network[other]), other))
+        yield node, star
+
+
+def _join_neighbours(network: Network, node: int, star: dict[int, Decimal]) -> None:
+    """Join the neighbours of a removed node in its place; `star`: conductances between the node and its neighbours."""
+    total, neighbours = sum(star.values()), list(star.items())
+    for place, (a, siemens) in enumerate(neighbours):
         del network[a][node]
         part = siemens / total
-        for b, other in star[:place]:
+        for b, other in neighbours[:place]:
             _add(network, a, b, part * other)

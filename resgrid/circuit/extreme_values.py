@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.circuit.cancellation import NEAR_FLOOR, IntegerState, Pairs, refine_in_integers
+from resgrid.circuit.decimal_elimination import ARITHMETIC, MOST_NODES, eliminations, network_of
 from resgrid.circuit.equations import Equations
 from resgrid.circuit.operating_point import BranchCurrents, OperatingPoint
 from resgrid.circuit.sources import without_loops
@@ -31,9 +32,6 @@ In tests, factors in doubles keep their digits for conductances between 1e-40 an
 1e60 S.
 """
 
-_MOST_NODES = 2000
-"""Largest number of nodes for this arithmetic; a mesh of 2,000 nodes takes up to ten seconds."""
-
 _PLAIN = 900
 """Largest magnitude of the binary logarithm of a current, in amperes, that is stored without a separate exponent."""
 
@@ -45,9 +43,6 @@ Values below the floor are set to zero.  The range of doubles, from ``2**-1074``
 
 _MANTISSA = 64
 """Number of binary digits of the fractions of the elimination."""
-
-_ARITHMETIC = decimal.Context(prec=40, Emin=decimal.MIN_EMIN, Emax=decimal.MAX_EMAX)
-"""Decimal arithmetic with 40 digits, in which no product and no quotient of doubles overflows or underflows."""
 
 
 class ExtremeResponse(NamedTuple):
@@ -66,7 +61,7 @@ class ExtremeResponse(NamedTuple):
 
 def is_small(netlist: Netlist) -> bool:
     """Return whether decimal arithmetic is possible: for a circuit of at most 2,000 nodes, without a space."""
-    return netlist.space_map is None and netlist.node_count <= _MOST_NODES
+    return netlist.space_map is None and netlist.node_count <= MOST_NODES
 
 
 def is_extreme(netlist: Netlist) -> bool:
@@ -86,11 +81,7 @@ def solve_extreme(system: Equations) -> OperatingPoint:
     Every voltage and current is rounded once; voltages beyond the range of doubles are infinite.  Raise AccuracyError
     if the refinement diverges.
     """
-    state = refine_in_integers(system, _columns(system), _DEPTH, _GUARD)
-    if state is None:
-        raise AccuracyError(
-            "the conductances span too many orders of magnitude; check the smallest and the largest one"
-        )
+    state = _refined(system)
     found = state.rounded()
     amps, exponent = _scaled_currents(state)
     log_drop, potential = _log_drops(state), _potentials(state)
@@ -101,40 +92,28 @@ def solve_extreme(system: Equations) -> OperatingPoint:
     )  # fmt: skip
 
 
-def _columns(system: Equations) -> list[Column]:
-    """Return the elimination steps of all rows, in the order of elimination: always a row with fewest neighbours."""
-    ends, rows = system.netlist.resistor_nodes, system.unknown
-    ground, weights = [Decimal(0)] * system.size, [dict[int, Decimal]() for _ in range(system.size)]
-    with decimal.localcontext(_ARITHMETIC):
-        for (i, j), siemens in zip(rows[ends].tolist(), map(Decimal, system.netlist.conductance.tolist()), strict=True):
-            for row, other in ((i, j), (j, i)) if i != j else ():
-                if row >= 0 and other >= 0:
-                    weights[row][other] = weights[row].get(other, Decimal(0)) + siemens
-                elif row >= 0:
-                    ground[row] += siemens
-        remaining, columns = set(range(system.size)), []
-        while remaining:
-            row = min(remaining, key=lambda each: (len(weights[each]), each))
-            remaining.remove(row)
-            columns.append(_eliminate(row, weights, ground))
-    return columns
+def _refined(system: Equations, pairs: Pairs = ()) -> IntegerState:
+    """Return the solution of the equations in integers; raise AccuracyError if the refinement diverges.
 
-
-def _eliminate(row: int, weights: list[dict[int, Decimal]], ground: list[Decimal]) -> Column:
-    """Eliminate a row from a network, in place, and return the elimination step.
-
-    `weights`: for every row, the conductances to the other rows, by row index; `ground` (n,): conductances from the
-    rows to the ground; both in siemens.
+    `pairs`: pairs of nodes whose voltage differences must be accurate.
     """
-    own = weights[row]
-    pivot = sum(own.values(), ground[row])
-    parts, leak = {other: siemens / pivot for other, siemens in own.items()}, ground[row] / pivot
-    for other, part in parts.items():
-        ground[other] += part * ground[row]
-        del weights[other][row]
-        for third, siemens in own.items():
-            if third != other:
-                weights[other][third] = weights[other].get(third, Decimal(0)) + part * siemens
+    rows = np.where(system.unknown < 0, system.size, system.unknown)  # the last node of the network is the ground
+    with decimal.localcontext(ARITHMETIC):
+        steps = eliminations(network_of(system.netlist, rows), (system.size,))
+        columns = [_column(row, star, system.size) for row, star in steps]
+    state = refine_in_integers(system, columns, _DEPTH, _GUARD, pairs)
+    if state is None:
+        raise AccuracyError(
+            "the conductances span too many orders of magnitude; check the smallest and the largest one"
+        )
+    return state
+
+
+def _column(row: int, star: dict[int, Decimal], ground: int) -> Column:
+    """Return the elimination step of a row; `star`: conductances to its neighbours in S; `ground`: number of ground."""
+    pivot = sum(star.values(), Decimal(0))
+    parts = {other: siemens / pivot for other, siemens in star.items()}
+    leak = parts.pop(ground, Decimal(0))
     largest = max(parts, key=parts.__getitem__, default=-1)
     if largest < 0 or leak > parts[largest]:
         largest = -1
@@ -154,11 +133,7 @@ def respond_extreme(system: Equations, pairs: Pairs) -> ExtremeResponse:
 
     The known voltages of `system` must be 0 V.  Raise AccuracyError if the refinement diverges.
     """
-    state = refine_in_integers(system, _columns(system), _DEPTH, _GUARD, pairs)
-    if state is None:
-        raise AccuracyError(
-            "the conductances span too many orders of magnitude; check the smallest and the largest one"
-        )
+    state = _refined(system, pairs)
     least, source = max(map(int.bit_length, state.volts)) - state.depth, state.source_currents()
     floor = _floor(state, max(map(int.bit_length, source), default=0) + state.unit_amps) - state.unit_amps
     amps, exponent = _scaled(source, state.unit_amps, floor)

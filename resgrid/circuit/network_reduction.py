@@ -256,21 +256,22 @@ def _currents_of(shared: tuple[Factor, Contacts], numbers: range) -> list[_Curre
     V one after another. The currents of a terminal without contacts are 0.
     """
     factor, contacts = shared
-    results = []
+    is_usual, results = _is_usual(factor.laplacian), []
     for number in numbers:
         own = contacts.terminal == number
         if own.any():
             rhs = sum_by_row(contacts.row[own], contacts.conductance[own], contacts.size)
-            results.append(_currents(factor, contacts, rhs))
+            results.append(_currents(factor, contacts, rhs, is_usual))
         else:
             results.append(_Currents(np.zeros(contacts.terminals), 0.0, 0.0))
     return results
 
 
-def _currents(factor: Factor, contacts: Contacts, rhs: NDArray[np.float64]) -> _Currents:
+def _currents(factor: Factor, contacts: Contacts, rhs: NDArray[np.float64], is_usual: bool) -> _Currents:
     """Return the currents into all terminals for the currents `rhs` (n,) into the inner nodes, in amperes.
 
-    `factor`: factors of the matrix of the inner nodes; `contacts`: resistors between inner nodes and terminals.
+    `factor`: factors of the matrix of the inner nodes; `contacts`: resistors between inner nodes and terminals;
+    `is_usual`: result of `_is_usual` for this matrix.
     """
 
     def into_terminals(x: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -278,7 +279,7 @@ def _currents(factor: Factor, contacts: Contacts, rhs: NDArray[np.float64]) -> _
 
     watch = ProgressMonitor()
     x = factor.solve_nonnegative(rhs, watch=watch)[0].plain
-    amps, is_usual = into_terminals(x), _is_usual(factor.laplacian)
+    amps = into_terminals(x)
     limit = 2.0 * factor.rounding_bound if isinstance(factor, DirectFactor) else MOST_ERROR
     if watch.bound <= limit and is_usual:
         return _Currents(amps, watch.bound, 0.0)

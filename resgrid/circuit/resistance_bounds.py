@@ -63,7 +63,7 @@ def bounded_resistances(
         ohms = resistances_between(found.conductance)[tuple(pairs.T)]
         added = 0.5 * len(groups) ** 2 * found.absolute * float(ohms[connected].max(initial=0.0))
         error = _of_quotient(found.relative + elimination_error(len(groups)) + added)
-        return Bounded(_shifted(ohms, -places), error, found.method)
+        return Bounded(np.ldexp(ohms, -places), error, found.method)
 
     def in_decimals() -> Bounded:
         return Bounded(resistances_in_decimals(netlist, group, groups[pairs]), ROUNDING, "direct")
@@ -93,7 +93,7 @@ def bounded_conductances(netlist: Netlist, group: Nodes, groups: NDArray[np.int6
         found = reduce_to_groups(scaled, group, groups, **options)
         least = float(found.conductance[joined].min(initial=np.inf))
         added = found.absolute / least if least > 0.0 else np.inf
-        return Bounded(_shifted(found.conductance, places), _of_quotient(found.relative + added), found.method)
+        return Bounded(np.ldexp(found.conductance, places), _of_quotient(found.relative + added), found.method)
 
     def in_decimals() -> Bounded:
         return Bounded(reduce_in_decimals(netlist, group, groups), ROUNDING, "direct")
@@ -146,11 +146,6 @@ def _scaled(netlist: Netlist) -> tuple[Netlist, int]:
         return netlist, 0
     siemens = np.maximum(np.ldexp(np.ldexp(netlist.conductance, -places // 2), -places - -places // 2), _LEAST)
     return netlist.replace(conductance=siemens), places
-
-
-def _shifted(values: NDArray[np.float64], places: int) -> NDArray[np.float64]:
-    """Return ``values * 2**places``, rounded once, with the shape of `values`; infinite if a product overflows."""
-    return np.asarray(np.ldexp(values, places))
 
 
 def _of_quotient(error: float) -> float:
