@@ -68,8 +68,8 @@ class URDFRobot(Robot):
     pieces : int
         Maximum number of convex pieces that cover one mesh in proofs.
     halvings : int
-        Maximum number of successive halvings of a cell, per moving joint: with m joints, a cell that m times as many
-        halvings do not decide stays undecided, and is blocked.
+        A cell is halved at most this number of times for every moving joint; a cell that is not decided by then stays
+        undecided, and is blocked.
     velocity : tuple of float
         Largest speeds of trajectories in rad/s or m/s, one for all moving joints or one per joint, in place of the
         limits in the URDF file; empty for those limits.
